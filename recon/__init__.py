@@ -1,0 +1,1 @@
+"""From coded measurement back to spectral cube: operators, bases, solvers, metrics."""
