@@ -230,7 +230,9 @@ def bands_of(cube: xr.Dataset | xr.DataArray) -> Bands:
 def require_same_bands(a: Bands, b: Bands, what: str) -> None:
     """Refuse two band tables that differ by more than 1e-3 nm, showing both grids."""
     if not a.same_as(b):
-        raise InputError(what, np.round(b.center, 4).tolist(), f"on the wavelength grid {np.round(a.center, 4).tolist()} nm (to {GRID_TOLERANCE_NM} nm)")
+        raise InputError(
+            what, np.round(b.center, 4).tolist(), f"on the wavelength grid {np.round(a.center, 4).tolist()} nm (to {GRID_TOLERANCE_NM} nm)"
+        )
 
 
 def block_mean(cube: xr.Dataset, n: int) -> xr.Dataset:
@@ -268,7 +270,11 @@ def band_mean(cube: xr.Dataset, bands: Bands) -> xr.Dataset:
     covered = overlap.sum(0)
     if np.any(np.abs(covered - bands.width) > GRID_TOLERANCE_NM):
         k = int(np.argmax(np.abs(covered - bands.width)))
-        raise InputError("bands", (float(bands.lower[k]), float(bands.upper[k])), f"covered by the cube's {fine.lower[0]:g}-{fine.upper[-1]:g} nm without gaps")
+        raise InputError(
+            "bands",
+            (float(bands.lower[k]), float(bands.upper[k])),
+            f"covered by the cube's {fine.lower[0]:g}-{fine.upper[-1]:g} nm without gaps",
+        )
     weights = overlap / covered
     stderr = cube["stderr"].values.astype(np.float64) @ weights if "stderr" in cube else None
     return make_cube(cube["radiance"].values.astype(np.float64) @ weights, bands, stderr, cube.attrs)

@@ -1,1 +1,6 @@
+"""Files of every stage: netCDF for cubes, frames and estimates; spectral EXR for cubes."""
 
+from optsim.files.formats import read, read_cube, writable, write
+from optsim.files.netcdf import netcdf_bytes_digest
+
+__all__ = ["netcdf_bytes_digest", "read", "read_cube", "writable", "write"]

@@ -1,0 +1,62 @@
+"""One door to all formats: written by a path's suffix, recognised on reading by content."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from optsim.errors import InputError
+from optsim.files import netcdf, spectral_exr
+from optsim.files.guard import regular_file
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_READERS = ((netcdf.MAGIC, netcdf.read_netcdf), (spectral_exr.MAGIC, spectral_exr.read_exr))
+_WRITERS = {".nc": netcdf.write_netcdf, ".exr": spectral_exr.write_exr}
+
+
+def read(path: Path | str) -> xr.Dataset:
+    """Read a netCDF or spectral EXR file, told apart by its first four bytes.
+
+    Raises:
+        InputError: when the file is missing, of neither format, or damaged.
+    """
+    path = Path(path)
+    with regular_file(path).open("rb") as file:
+        magic = file.read(4)
+    for known, reader in _READERS:
+        if magic == known:
+            return reader(path)
+    raise InputError("file", str(path), "a netCDF-4 (.nc) or OpenEXR (.exr) file")
+
+
+def read_cube(path: Path | str) -> xr.Dataset:
+    """Read a file and insist that it holds a valid radiance cube.
+
+    Raises:
+        InputError: when it does not, naming what is wrong.
+    """
+    from optsim.cube import check_cube
+
+    cube = read(path)
+    check_cube(cube)
+    return cube
+
+
+def writable(path: Path | str, field: str = "-o") -> Path:
+    """Check an output path before the work starts: a known suffix, and not an existing folder.
+
+    Raises:
+        InputError: naming ``field``.
+    """
+    path = Path(path)
+    if path.suffix not in _WRITERS or path.is_dir():
+        raise InputError(field, str(path), f"a file path that ends in one of {', '.join(_WRITERS)}")
+    return path
+
+
+def write(dataset: xr.Dataset, path: Path | str) -> None:
+    """Write a Dataset in the format of the path's suffix: ``.nc`` anything, ``.exr`` cubes."""
+    path = writable(path)
+    _WRITERS[path.suffix](dataset, path)
