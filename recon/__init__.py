@@ -1,1 +1,36 @@
-"""From coded measurement back to spectral cube: operators, bases, solvers, metrics."""
+"""From coded measurement back to spectral cube: operators, bases, solvers, metrics.
+
+The names below are imported when first used, so that ``import recon`` stays light.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_HOME = {
+    "Config": "config",
+    "InputError": "errors",
+    "LinearOperator": "operator",
+    "RowWeighted": "operator",
+    "adjoint_error": "operator",
+    "norm_squared": "operator",
+    "CodedAperture": "coded_aperture",
+    "shift_taps": "coded_aperture",
+    "empty_cube": "coded_aperture",
+    "Basis": "basis",
+    "Kronecker": "basis",
+    "Solution": "solution",
+    "Stop": "solution",
+    "reconstruct": "solve",
+    "BasisPursuit": "basis_pursuit",
+    "Admm": "admm",
+    "Fista": "fista",
+    "Gpsr": "gpsr",
+}
+
+__all__ = list(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(f"recon.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'recon' has no attribute {name!r}")

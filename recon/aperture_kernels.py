@@ -1,0 +1,120 @@
+"""Compiled loops of the coded-aperture operator, over detector rows (theory.md (S.1)).
+
+Arrays are band-major: cubes (K, M, N), frames (L, C, M, W), masks (L, M, N). Each kernel handles the rows
+``first..last`` and touches no other, so slabs can run on any number of threads and give the same bytes.
+With a mosaic the response depends on the sensor's column: ``tile[r, k, j]`` holds it for the r-th different
+row of the mosaic and ``tile_of[m]`` says which one row m is; without, ``tile`` is empty and ``response`` is used.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+FAST = {"contract", "reassoc", "nsz", "arcp"}
+
+
+@njit(nogil=True, cache=True, fastmath=FAST)
+def forward_rows(
+    first: int, last: int, x: Any, masks: Any, response: Any, tile: Any, tile_of: Any, start: Any, taps: Any, out: Any
+) -> None:
+    """Apply H to the rows ``first..last`` of a cube."""
+    shots, columns = masks.shape[0], masks.shape[2]
+    bands, width = x.shape[0], out.shape[3]
+    mosaic = tile.shape[0] > 0
+    seen = np.empty(columns, x.dtype)
+    for m in range(first, last):
+        for l in range(shots):
+            out[l, :, m, :] = 0
+            for k in range(bands):
+                for n in range(columns):
+                    seen[n] = masks[l, m, n] * x[k, m, n]
+                for t in range(taps.shape[1]):
+                    shift = start[k] + t
+                    a, b = max(0, -shift), min(columns, width - shift)
+                    tap = taps[k, t]
+                    if tap == 0:
+                        continue
+                    if mosaic:
+                        r = tile_of[m]
+                        for n in range(a, b):
+                            out[l, 0, m, n + shift] += tap * tile[r, k, n + shift] * seen[n]
+                    else:
+                        for c in range(response.shape[0]):
+                            weight = tap * response[c, k]
+                            for n in range(a, b):
+                                out[l, c, m, n + shift] += weight * seen[n]
+
+
+@njit(nogil=True, cache=True, fastmath=FAST)
+def adjoint_rows(
+    first: int, last: int, y: Any, masks: Any, response: Any, tile: Any, tile_of: Any, start: Any, taps: Any, out: Any
+) -> None:
+    """Apply H^T to the rows ``first..last`` of frames."""
+    shots, columns = masks.shape[0], masks.shape[2]
+    bands, width = out.shape[0], y.shape[3]
+    mosaic = tile.shape[0] > 0
+    back = np.empty(columns, out.dtype)
+    total = np.empty(columns, out.dtype)
+    for m in range(first, last):
+        for k in range(bands):
+            total[:] = 0
+            for l in range(shots):
+                back[:] = 0
+                for t in range(taps.shape[1]):
+                    shift = start[k] + t
+                    a, b = max(0, -shift), min(columns, width - shift)
+                    tap = taps[k, t]
+                    if tap == 0:
+                        continue
+                    if mosaic:
+                        r = tile_of[m]
+                        for n in range(a, b):
+                            back[n] += tap * tile[r, k, n + shift] * y[l, 0, m, n + shift]
+                    else:
+                        for c in range(response.shape[0]):
+                            weight = tap * response[c, k]
+                            for n in range(a, b):
+                                back[n] += weight * y[l, c, m, n + shift]
+                for n in range(columns):
+                    total[n] += masks[l, m, n] * back[n]
+            for n in range(columns):
+                out[k, m, n] = total[n]
+
+
+@njit(nogil=True, cache=True, fastmath=FAST)
+def gram_rows(
+    first: int, last: int, offset: int, masks: Any, response: Any, tile: Any, tile_of: Any, start: Any, taps: Any, out: Any
+) -> None:
+    """Sum ``out[m, p, q, j] = (H H^T)[(p, m, j), (q, m, j + offset)]`` with p = shot * C + channel, in float64."""
+    shots, columns = masks.shape[0], masks.shape[2]
+    channels, bands, width = response.shape[0], response.shape[1], out.shape[3]
+    mosaic = tile.shape[0] > 0
+    if mosaic:
+        channels = 1
+    both = np.empty(columns)
+    for m in range(first, last):
+        out[m] = 0
+        for l in range(shots):
+            for i in range(shots):
+                for n in range(columns):
+                    both[n] = masks[l, m, n] * masks[i, m, n]
+                for k in range(bands):
+                    for t in range(taps.shape[1] - offset):
+                        shift = start[k] + t
+                        a, b = max(0, -shift), min(columns, width - offset - shift)
+                        pair = taps[k, t] * taps[k, t + offset]
+                        if pair == 0:
+                            continue
+                        if mosaic:
+                            r = tile_of[m]
+                            for n in range(a, b):
+                                j = n + shift
+                                out[m, l, i, j] += pair * tile[r, k, j] * tile[r, k, j + offset] * both[n]
+                        else:
+                            for c in range(channels):
+                                for e in range(channels):
+                                    weight = pair * response[c, k] * response[e, k]
+                                    p, q = l * channels + c, i * channels + e
+                                    for n in range(a, b):
+                                        out[m, p, q, n + shift] += weight * both[n]

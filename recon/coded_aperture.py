@@ -1,0 +1,258 @@
+"""The discrete operator of a coded-aperture camera, from plain arrays: no optics in it (theory.md (S.1))."""
+
+from typing import Any
+
+import numpy as np
+
+from recon import aperture_kernels as kernels
+from recon import threads
+from recon.errors import InputError
+
+DENSE_LIMIT = 2**27  # entries of a dense H: 1 GiB of float64
+
+
+def shift_taps(shift_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Turn positions of the bands on the sensor into first columns and linear-interpolation weights.
+
+    Args:
+        shift_px: (K,) position of each band relative to its mirror's column, in sensor pixels; finite.
+
+    Returns:
+        ``first_column`` (K,) int and ``taps`` (K, T) float64: T = 1 when all shifts are integers, else 2 with
+        weights ``[1 - fraction, fraction]``.
+
+    Raises:
+        InputError: field ``shift_px``.
+    """
+    shift = np.atleast_1d(np.asarray(shift_px, np.float64))
+    if shift.ndim != 1 or shift.size == 0 or not np.isfinite(shift).all() or np.abs(shift).max() > 2**30:
+        raise InputError("shift_px", shift_px, "a list of finite positions in px, one a band")
+    first = np.floor(shift)
+    fraction = shift - first
+    if not fraction.any():
+        return first.astype(np.int64), np.ones((shift.size, 1))
+    return first.astype(np.int64), np.stack([1 - fraction, fraction], axis=1)
+
+
+class CodedAperture:
+    """H of one camera and L shots (theory.md (S.1), after Rueda et al. 2015, Eq. 2-3).
+
+    ``g[l,c,m,j] = sum_k sum_t response[c,k] taps[k,t] mask[l,m,n] f[m,n,k]`` with ``n = j - first_column[k] - t``;
+    columns j outside 0..W-1 are dropped. With a mosaic, frames have one channel and ``c = mosaic[m,j]``.
+
+    Args:
+        masks: (L, M, N) of 0 and 1; with ``gray`` any value of [0, 1].
+        response: (C, K) response of each spectral curve to each band, finite.
+        first_column: (K,) integers, the sensor column of mirror column 0 for the band's first tap.
+        taps: (K, T) column weights, finite.
+        mosaic: (M, W) integers of 0..C-1, the curve of each sensor pixel; None when every pixel has all C channels.
+        width: W, sensor columns; None: the least that holds every band, N + K - 1 in the paper's model.
+        dtype: float32 or float64, of the arrays that forward and adjoint return.
+        gray: allow masks between 0 and 1.
+
+    Raises:
+        InputError: for a wrong shape or value; field ``masks`` with "camera sees nothing" when H = 0.
+    """
+
+    def __init__(
+        self,
+        masks: np.ndarray,
+        response: np.ndarray,
+        first_column: np.ndarray,
+        taps: np.ndarray,
+        *,
+        mosaic: np.ndarray | None = None,
+        width: int | None = None,
+        dtype: Any = np.float64,
+        gray: bool = False,
+    ) -> None:
+        self.dtype: np.dtype[Any] = np.dtype(dtype)
+        if self.dtype not in (np.dtype(np.float32), np.dtype(np.float64)):
+            raise InputError("dtype", str(dtype), "float32 or float64")
+        self.gray = gray
+        self.masks = _checked_masks(masks, gray)
+        self.response, self.first_column, self.taps = _checked_bands(response, first_column, taps)
+        shots, rows, columns = self.masks.shape
+        curves, bands = self.response.shape
+        reach = int(self.first_column.max()) + self.taps.shape[1] - 1
+        self.width = _checked_width(columns + max(reach, 0) if width is None else width)
+        self.mosaic = None if mosaic is None else _checked_mosaic(mosaic, (rows, self.width), curves)
+        self.in_shape = (rows, columns, bands)
+        self.out_shape = (shots, 1 if mosaic is not None else curves, rows, self.width)
+        self._require_light()
+        self._arguments = self._kernel_arguments(self.dtype)
+
+    @property
+    def one_tap(self) -> bool:
+        """Tell whether every voxel lands on one sensor column only, so that H H^T is block diagonal by pixel."""
+        return self.taps.shape[1] == 1
+
+    @property
+    def measurements(self) -> int:
+        """Count the numbers S that one sensor pixel yields: shots times channels."""
+        return self.out_shape[0] * self.out_shape[1]
+
+    def forward(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Photograph a cube (M, N, K) into frames (L, C, M, W)."""
+        cube = _as(x, self.in_shape, self.dtype, "x")
+        frames = _result(out, self.out_shape, self.dtype)
+        threads.run(kernels.forward_rows, self.in_shape[0], cube.transpose(2, 0, 1), *self._arguments, frames)
+        return frames
+
+    def adjoint(self, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Spread frames (L, C, M, W) back over the voxels that they saw; band-major memory unless ``out`` is given."""
+        frames = _as(y, self.out_shape, self.dtype, "y")
+        if out is None:
+            out = empty_cube(self.in_shape, self.dtype)
+        cube = _result(out, self.in_shape, self.dtype)
+        threads.run(kernels.adjoint_rows, self.in_shape[0], frames, *self._arguments, cube.transpose(2, 0, 1))
+        return cube
+
+    def gram(self, offset: int = 0, rows: slice = slice(None)) -> np.ndarray:
+        """Return the blocks of H H^T between sensor columns j and j + offset: (rows, S, S, W) float64 (theory.md (S.5)).
+
+        ``S = L C``, shot-major. Offsets beyond T - 1 give zeros: different rows never couple.
+        """
+        first, last, _ = rows.indices(self.in_shape[0])
+        count = max(0, last - first)
+        out = np.zeros((count, self.measurements, self.measurements, self.width))
+        if 0 <= offset < self.taps.shape[1] and count:
+            masks, *rest = self._kernel_arguments(np.dtype(np.float64), slice(first, last))
+            threads.run(kernels.gram_rows, count, offset, masks, *rest, out)
+        return out
+
+    def sparse(self) -> Any:
+        """Return H as a SciPy CSR array; rows: sensor row fastest, then column, channel, shot; columns: row, column, band."""
+        from scipy.sparse import coo_array
+
+        shots, channels, rows, width = self.out_shape
+        columns, bands = self.in_shape[1:]
+        l, c, m, n, k, t = np.ogrid[:shots, :channels, :rows, :columns, :bands, : self.taps.shape[1]]
+        j = n + self.first_column[k] + t
+        inside = (j >= 0) & (j < width)
+        curve = c if self.mosaic is None else self.mosaic[m, np.clip(j, 0, width - 1)]
+        weight = self.response[curve, k] * self.taps[k, t] * self.masks[l, m, n] * inside
+        shape = weight.shape
+        line = np.broadcast_to(((l * channels + c) * width + j) * rows + m, shape)
+        voxel = np.broadcast_to((k * columns + n) * rows + m, shape)
+        kept = weight != 0
+        size = (shots * channels * width * rows, bands * columns * rows)
+        return coo_array((weight[kept], (line[kept], voxel[kept])), shape=size).tocsr()
+
+    def dense(self) -> np.ndarray:
+        """Return H as a dense float64 matrix in the order of ``sparse``.
+
+        Raises:
+            InputError: field ``dense`` when it would pass 1 GiB.
+        """
+        entries = int(np.prod(self.out_shape)) * int(np.prod(self.in_shape))
+        if entries > DENSE_LIMIT:
+            raise InputError("dense", entries, f"at most {DENSE_LIMIT} entries (1 GiB); use sparse()")
+        return np.asarray(self.sparse().toarray())
+
+    def astype(self, dtype: Any) -> "CodedAperture":
+        """Return the same camera computing in another precision."""
+        return self.replace(dtype=dtype)
+
+    def replace(self, **changes: Any) -> "CodedAperture":
+        """Return a copy with some of the constructor's arguments changed."""
+        kept = {name: getattr(self, name) for name in ("masks", "response", "first_column", "taps", "mosaic", "width", "dtype", "gray")}
+        return CodedAperture(**(kept | changes))
+
+    def normalised(self) -> tuple["CodedAperture", float]:
+        """Return the camera whose largest weight is 1, and the factor by which this one is stronger."""
+        size = float(np.abs(self.response).max() * np.abs(self.taps).max())
+        return self.replace(response=self.response / np.abs(self.response).max(), taps=self.taps / np.abs(self.taps).max()), size
+
+    def repeated_shots(self) -> int:
+        """Count the shots whose mask is a copy of an earlier shot's: they add light, but no rank."""
+        different = len({shot.tobytes() for shot in self.masks})
+        return self.masks.shape[0] - different
+
+    def _require_light(self) -> None:
+        blind = [l for l in range(self.masks.shape[0]) if not self.masks[l].any()]
+        n = np.arange(self.in_shape[1])
+        column = n + self.first_column[:, None, None] + np.arange(self.taps.shape[1])[:, None]
+        lands = ((column >= 0) & (column < self.width)).any(-1) & (self.taps != 0)
+        if len(blind) == self.masks.shape[0]:
+            raise InputError("masks", f"all closed (shots {blind})", "open somewhere: the camera sees nothing")
+        if not self.response.any() or not self.taps.any():
+            raise InputError("response", 0.0, "different from 0 somewhere: the camera sees nothing")
+        if not lands.any():
+            raise InputError(
+                "first_column",
+                self.first_column.tolist(),
+                f"such that a band lands on the sensor's columns 0..{self.width - 1}: the camera sees nothing",
+            )
+
+    def _kernel_arguments(self, dtype: np.dtype[Any], rows: slice = slice(None)) -> tuple[np.ndarray, ...]:
+        tile = np.zeros((0, 0, 0), dtype)
+        tile_of = np.zeros(self.in_shape[0], np.int64)
+        if self.mosaic is not None:
+            different, tile_of = np.unique(self.mosaic, axis=0, return_inverse=True)
+            tile = np.ascontiguousarray(self.response[different].transpose(0, 2, 1), dtype)
+            tile_of = tile_of.reshape(-1).astype(np.int64)
+        masks = np.ascontiguousarray(self.masks[:, rows], dtype)
+        return masks, self.response.astype(dtype), tile, tile_of[rows], self.first_column, self.taps.astype(dtype)
+
+
+def empty_cube(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+    """Allocate a cube of logical shape (M, N, K) in band-major memory (K, M, N)."""
+    rows, columns, bands = shape
+    return np.empty((bands, rows, columns), dtype).transpose(1, 2, 0)
+
+
+def _as(value: np.ndarray, shape: tuple[int, ...], dtype: np.dtype[Any], name: str) -> np.ndarray:
+    array = np.asarray(value)
+    if array.shape != shape:
+        raise InputError(name, array.shape, f"an array of shape {shape}")
+    return array if array.dtype == dtype else array.astype(dtype)
+
+
+def _result(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> np.ndarray:
+    if out is None:
+        return np.empty(shape, dtype)
+    if out.shape != shape or out.dtype != dtype:
+        raise InputError("out", (out.shape, str(out.dtype)), f"of shape {shape} and type {dtype}")
+    return out
+
+
+def _checked_masks(masks: np.ndarray, gray: bool) -> np.ndarray:
+    values = np.asarray(masks)
+    if values.ndim != 3 or 0 in values.shape:
+        raise InputError("masks", values.shape, "of shape (shots, rows, columns), each at least 1")
+    values = values.astype(np.float64)
+    bad = ~(np.isfinite(values) & (values >= 0) & (values <= 1)) if gray else (values != 0) & (values != 1)
+    if bad.any():
+        where = tuple(int(i) for i in np.argwhere(bad)[0])
+        allowed = "in [0, 1]" if gray else "0 or 1 (values between need gray=True)"
+        raise InputError("masks", float(values[where]), f"{allowed}; first bad (shot, row, column) is {where}")
+    return np.ascontiguousarray(values)
+
+
+def _checked_bands(response: np.ndarray, first_column: np.ndarray, taps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    chi = np.ascontiguousarray(response, np.float64)
+    if chi.ndim != 2 or 0 in chi.shape or not np.isfinite(chi).all():
+        raise InputError("response", chi.shape if np.isfinite(chi).all() else "not finite", "finite, of shape (curves, bands)")
+    first = np.asarray(first_column)
+    if first.shape != (chi.shape[1],) or not np.issubdtype(first.dtype, np.integer) or np.abs(first).max() > 2**30:
+        raise InputError("first_column", first.tolist() if first.size < 100 else first.shape, f"{chi.shape[1]} integers, one a band")
+    weights = np.ascontiguousarray(taps, np.float64)
+    if weights.ndim != 2 or weights.shape[0] != chi.shape[1] or weights.shape[1] == 0 or not np.isfinite(weights).all():
+        raise InputError("taps", weights.shape, f"finite, of shape ({chi.shape[1]}, taps)")
+    return chi, np.ascontiguousarray(first, np.int64), weights
+
+
+def _checked_width(width: int) -> int:
+    if isinstance(width, bool) or int(width) != width or not 1 <= width <= 2**24:
+        raise InputError("width", width, "an integer of 1..2^24 sensor columns")
+    return int(width)
+
+
+def _checked_mosaic(mosaic: np.ndarray, shape: tuple[int, int], curves: int) -> np.ndarray:
+    values = np.asarray(mosaic)
+    if values.shape != shape:
+        raise InputError("mosaic", values.shape, f"of the sensor's shape {shape}")
+    if not np.issubdtype(values.dtype, np.integer) or values.min() < 0 or values.max() >= curves:
+        raise InputError("mosaic", (str(values.dtype), values.min(), values.max()), f"integers of 0..{curves - 1}, rows of response")
+    return np.ascontiguousarray(values, np.int64)

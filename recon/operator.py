@@ -1,0 +1,100 @@
+"""What a solver needs of a camera: a linear map and its exact adjoint."""
+
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from recon.errors import InputError
+
+
+@runtime_checkable
+class LinearOperator(Protocol):
+    """A linear map from cubes (M, N, K) to frames (L, C, M, W), as numpy arrays of any strides.
+
+    ``forward`` and ``adjoint`` write into ``out`` when it is given and return it.
+    """
+
+    @property
+    def in_shape(self) -> tuple[int, ...]:
+        """Shape of a cube."""
+        ...
+
+    @property
+    def out_shape(self) -> tuple[int, ...]:
+        """Shape of the frames."""
+        ...
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """float32 or float64."""
+        ...
+
+    def forward(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Apply H."""
+        ...
+
+    def adjoint(self, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Apply H^T."""
+        ...
+
+
+class RowWeighted:
+    """The operator ``diag(weights) H``: weight 0 leaves a measurement out, 1/sigma whitens noise.
+
+    Args:
+        operator: H.
+        weights: broadcastable to the frames (L, C, M, W), finite and not negative.
+
+    Raises:
+        InputError: field ``weights``.
+    """
+
+    def __init__(self, operator: LinearOperator, weights: np.ndarray) -> None:
+        values = np.asarray(weights, operator.dtype)
+        if not np.isfinite(values).all() or (values < 0).any():
+            raise InputError("weights", float(values.min()), "finite and at least 0")
+        try:
+            self.weights = np.ascontiguousarray(np.broadcast_to(values, operator.out_shape))
+        except ValueError:
+            raise InputError("weights", values.shape, f"broadcastable to {operator.out_shape}") from None
+        self.operator = operator
+        self.in_shape = operator.in_shape
+        self.out_shape = operator.out_shape
+        self.dtype = operator.dtype
+
+    def forward(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Apply diag(weights) H."""
+        result = self.operator.forward(x, out)
+        result *= self.weights
+        return result
+
+    def adjoint(self, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Apply H^T diag(weights)."""
+        return self.operator.adjoint(y * self.weights, out)
+
+
+def adjoint_error(operator: LinearOperator, seed: int = 0) -> float:
+    """Measure ``|<Hx, y> - <x, H^T y>| / (||Hx|| ||y||)`` on one pair of Gaussian arrays (theory.md (S.3))."""
+    draw = np.random.Generator(np.random.Philox(seed))
+    x = draw.standard_normal(operator.in_shape).astype(operator.dtype)
+    y = draw.standard_normal(operator.out_shape).astype(operator.dtype)
+    forward = np.asarray(operator.forward(x), np.float64)
+    gap = abs(np.vdot(forward, y.astype(np.float64)) - np.vdot(x.astype(np.float64), np.asarray(operator.adjoint(y), np.float64)))
+    size = float(np.linalg.norm(forward) * np.linalg.norm(y.astype(np.float64)))
+    return float(gap / size) if size > 0 else float(gap)
+
+
+def norm_squared(operator: LinearOperator, iterations: int = 40, seed: int = 0) -> float:
+    """Estimate the largest eigenvalue of H^T H by the power method, from below; callers add a margin (5 %)."""
+    draw = np.random.Generator(np.random.Philox(seed))
+    x = np.abs(draw.standard_normal(operator.in_shape)).astype(operator.dtype)
+    value = 0.0
+    for _ in range(iterations):
+        size = float(np.linalg.norm(x.ravel()))
+        if size == 0 or not np.isfinite(size):
+            return 0.0
+        x = operator.adjoint(operator.forward(x / operator.dtype.type(size)))
+        before, value = value, float(np.linalg.norm(x.ravel()))
+        if abs(value - before) <= 1e-4 * value:
+            break
+    return value

@@ -1,0 +1,60 @@
+"""What a solver hands back: the cube, and the reason why it stopped there."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Why a solver stopped.
+
+    Args:
+        reason: one sentence; when not converged it names a remedy.
+        converged: whether the tolerance asked for was met.
+    """
+
+    reason: str
+    converged: bool
+
+    def __str__(self) -> str:
+        return self.reason
+
+
+@dataclass(frozen=True)
+class Solution:
+    """An estimated cube with everything needed to judge it.
+
+    Args:
+        cube: (M, N, K) estimate, in the units of frames / response.
+        objective: Eq. 4, ``||g - H f||^2 + tau ||theta||_1`` (theory.md (S.4)); for basis pursuit ``||theta||_1``.
+        stop: why the solver stopped.
+        iterations: how many it made.
+        tau: the absolute weight of the l1 norm; None for basis pursuit.
+        seconds: wall time, set-up included.
+        residual: ``||g - H f|| / ||g||`` (0 when g = 0).
+        tau_max: the least tau whose answer is zero, ``2 max |Psi^T H^T g|``; None for basis pursuit.
+        notes: sentences about the problem itself, e.g. that shots repeat one mask.
+    """
+
+    cube: np.ndarray
+    objective: float
+    stop: Stop
+    iterations: int
+    tau: float | None
+    seconds: float
+    residual: float
+    tau_max: float | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def __str__(self) -> str:
+        rows, columns, bands = self.cube.shape
+        what = "basis pursuit" if self.tau is None else f"tau = {self.tau:.4g}"
+        if self.tau and self.tau_max:
+            what += f" ({self.tau / self.tau_max:.3g} of tau_max)"
+        lines = [
+            f"{rows} x {columns} x {bands} cube by {what}: {self.iterations} iterations in {self.seconds:.1f} s",
+            f"{'converged' if self.stop.converged else 'NOT converged'}: {self.stop.reason}",
+            f"objective {self.objective:.6g}, relative residual {self.residual:.3g}",
+        ]
+        return "\n".join([*lines, *self.notes])
