@@ -1,1 +1,50 @@
+"""The coded-aperture camera: from a radiance cube at the mirrors to frames, and to the plain arrays of its discrete model.
 
+A cube becomes frames by :func:`measure_matched` (the paper's discrete model makes the data) or by :func:`photograph`
+(a fine model of wavelengths and mirrors with the traced prism).
+"""
+
+from optsim.camera.band_model import BandModel, OwnShifts, UnitShift, matched_model, physical_model
+from optsim.camera.camera import CameraConfig
+from optsim.camera.center_table import CenterTable
+from optsim.camera.dmd import Distinct, Repeated, masks_for
+from optsim.camera.frames import band_model_of, check_frames, signal_of, with_unit_shifts
+from optsim.camera.glass import Glass, glass, glass_names
+from optsim.camera.measure import measure_matched
+from optsim.camera.noise import Noise
+from optsim.camera.prism import DoubleAmici
+from optsim.camera.prism_report import plot_prism, prism_report
+from optsim.camera.relay import Relay
+from optsim.camera.sensor import Bayer, BayerPhase, Foveon, Mono, Sensor, sensors
+
+__all__ = [
+    "BandModel",
+    "Bayer",
+    "BayerPhase",
+    "CameraConfig",
+    "CenterTable",
+    "Distinct",
+    "DoubleAmici",
+    "Foveon",
+    "Glass",
+    "Mono",
+    "Noise",
+    "OwnShifts",
+    "Relay",
+    "Repeated",
+    "Sensor",
+    "UnitShift",
+    "band_model_of",
+    "check_frames",
+    "glass",
+    "glass_names",
+    "masks_for",
+    "matched_model",
+    "measure_matched",
+    "physical_model",
+    "plot_prism",
+    "prism_report",
+    "sensors",
+    "signal_of",
+    "with_unit_shifts",
+]

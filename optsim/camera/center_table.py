@@ -1,0 +1,63 @@
+"""Dispersion by a table of measured band centres instead of a prism."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import field_validator
+
+from optsim.camera.model import Model, ranged
+from optsim.camera.prism import DEFAULT_PIXEL_UM, _field
+from optsim.camera.relay import Relay
+from optsim.cube import PAPER_CENTERS_NM
+from optsim.errors import InputError
+
+
+class CenterTable(Model):
+    """Place the k-th wavelength of a table exactly at position k px, the others by monotone PCHIP (theory.md (C.7)).
+
+    Beyond its ends the curve goes on straight. The field is distortion-free: no smile, no keystone.
+
+    Args:
+        centers_nm: strictly increasing wavelengths in nm, at least 2; default: the paper's 24.
+        relay: the lenses (for the magnification).
+        pixel_um: the sensor's pitch, in (0, 1e4] um.
+    """
+
+    place: ClassVar[str] = "table"
+    centers_nm: tuple[float, ...] = PAPER_CENTERS_NM
+    relay: Relay = Relay()
+    pixel_um: Annotated[float, ranged(0, 1e4, "um", "(]")] = DEFAULT_PIXEL_UM
+
+    @field_validator("centers_nm")
+    @classmethod
+    def _increasing(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if len(value) < 2 or value[0] <= 0 or any(np.diff(value) <= 0):
+            raise InputError("", value, "at least two strictly increasing wavelengths above 0 nm")
+        return value
+
+    @property
+    def magnification_px(self) -> float:
+        """Return sensor pixels per mm at the mirrors."""
+        return self.relay.magnification * 1000 / self.pixel_um
+
+    def position_px(
+        self, wavelength_nm: ArrayLike, X_mm: ArrayLike = 0.0, Y_mm: ArrayLike = 0.0
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (x, y, valid) in sensor pixels; see :meth:`optsim.camera.prism.DoubleAmici.position_px`."""
+        from scipy.interpolate import PchipInterpolator
+
+        wavelength = np.asarray(wavelength_nm, np.float64)
+        if not np.all(np.isfinite(wavelength)) or np.any(wavelength <= 0):
+            raise InputError("wavelength_nm", wavelength_nm, "finite and above 0 nm")
+        knots = np.array(self.centers_nm)
+        curve = PchipInterpolator(knots, np.arange(knots.size, dtype=np.float64))
+        slope = curve.derivative()
+        inside = np.clip(wavelength, knots[0], knots[-1])
+        end = np.where(wavelength < knots[0], slope(knots[0]), slope(knots[-1]))
+        along = curve(inside) + (wavelength - inside) * end
+        scale = self.magnification_px
+        x, y = np.broadcast_arrays(along + scale * _field(X_mm, "X_mm"), scale * _field(Y_mm, "Y_mm"))
+        return x, y, np.ones(x.shape, bool)

@@ -1,0 +1,45 @@
+"""From spectral radiance at the mirrors to electrons (theory.md (C.8), (C.10))."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.spectrum import Spectrum
+
+PLANCK_J_S = 6.62607015e-34
+LIGHT_M_PER_S = 299792458.0
+PHOTONS_PER_JOULE_NM = 1e-9 / (PLANCK_J_S * LIGHT_M_PER_S)
+"""Photons of 1 nm in one joule: lambda / (h c) is this times the wavelength in nm."""
+
+
+def etendue_m2_sr(mirror_um: float, fill_factor: float, projected_solid_angle_sr: float) -> float:
+    """Return area x fill factor x projected solid angle of one mirror, in m^2 sr (theory.md (C.8))."""
+    return (mirror_um * 1e-6) ** 2 * fill_factor * projected_solid_angle_sr
+
+
+def photon_integral(curve: Spectrum, lower_nm: np.ndarray, upper_nm: np.ndarray) -> np.ndarray:
+    """Integrate curve(lambda) lambda / (h c) over bands, exactly: the integrand is quadratic between nodes (theory.md (C.10)).
+
+    Args:
+        curve: a quantum efficiency.
+        lower_nm, upper_nm: (K,) band edges in nm; a band with upper <= lower gives 0.
+
+    Returns:
+        (K,) float64, in electrons nm per joule: electrons per radiant energy density in J/nm.
+    """
+    lower, upper = np.asarray(lower_nm, np.float64), np.asarray(upper_nm, np.float64)
+    open_bands = upper > lower
+    if not open_bands.any():
+        return np.zeros(lower.shape)
+    edges = np.unique(np.concatenate([curve.wavelength_nm, lower[open_bands], upper[open_bands]]))
+    edges = edges[(edges >= lower[open_bands].min()) & (edges <= upper[open_bands].max())]
+    low, high = edges[:-1], edges[1:]
+
+    def integrand(x: np.ndarray) -> np.ndarray:
+        return np.interp(x, curve.wavelength_nm, curve.value) * x
+
+    pieces = (high - low) / 6 * (integrand(low) + 4 * integrand((low + high) / 2) + integrand(high))
+    result = np.zeros(lower.shape)
+    for k in np.flatnonzero(open_bands):
+        result[k] = pieces[(low >= lower[k]) & (high <= upper[k])].sum()
+    return result * PHOTONS_PER_JOULE_NM
