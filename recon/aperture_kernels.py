@@ -14,6 +14,20 @@ from numba import njit
 FAST = {"contract", "reassoc", "nsz", "arcp"}
 
 
+@njit(nogil=True, fastmath=FAST, forceinline=True)
+def _add_scaled(weight: Any, x: Any, out: Any) -> None:
+    """Raise ``out`` by ``weight * x``."""
+    for j in range(x.size):
+        out[j] += weight * x[j]
+
+
+@njit(nogil=True, fastmath=FAST, forceinline=True)
+def _add_product(weight: Any, x: Any, y: Any, out: Any) -> None:
+    """Raise ``out`` by ``weight * x * y``, element by element."""
+    for j in range(x.size):
+        out[j] += weight * x[j] * y[j]
+
+
 @njit(nogil=True, cache=True, fastmath=FAST)
 def forward_rows(
     first: int, last: int, x: Any, masks: Any, response: Any, tile: Any, tile_of: Any, start: Any, taps: Any, out: Any
@@ -36,14 +50,10 @@ def forward_rows(
                     if tap == 0:
                         continue
                     if mosaic:
-                        r = tile_of[m]
-                        for n in range(a, b):
-                            out[l, 0, m, n + shift] += tap * tile[r, k, n + shift] * seen[n]
+                        _add_product(tap, tile[tile_of[m], k, a + shift : b + shift], seen[a:b], out[l, 0, m, a + shift : b + shift])
                     else:
                         for c in range(response.shape[0]):
-                            weight = tap * response[c, k]
-                            for n in range(a, b):
-                                out[l, c, m, n + shift] += weight * seen[n]
+                            _add_scaled(tap * response[c, k], seen[a:b], out[l, c, m, a + shift : b + shift])
 
 
 @njit(nogil=True, cache=True, fastmath=FAST)
@@ -68,14 +78,10 @@ def adjoint_rows(
                     if tap == 0:
                         continue
                     if mosaic:
-                        r = tile_of[m]
-                        for n in range(a, b):
-                            back[n] += tap * tile[r, k, n + shift] * y[l, 0, m, n + shift]
+                        _add_product(tap, tile[tile_of[m], k, a + shift : b + shift], y[l, 0, m, a + shift : b + shift], back[a:b])
                     else:
                         for c in range(response.shape[0]):
-                            weight = tap * response[c, k]
-                            for n in range(a, b):
-                                back[n] += weight * y[l, c, m, n + shift]
+                            _add_scaled(tap * response[c, k], y[l, c, m, a + shift : b + shift], back[a:b])
                 for n in range(columns):
                     total[n] += masks[l, m, n] * back[n]
             for n in range(columns):
@@ -106,15 +112,14 @@ def gram_rows(
                         pair = taps[k, t] * taps[k, t + offset]
                         if pair == 0:
                             continue
+                        u, v = a + shift, b + shift
                         if mosaic:
-                            r = tile_of[m]
-                            for n in range(a, b):
-                                j = n + shift
-                                out[m, l, i, j] += pair * tile[r, k, j] * tile[r, k, j + offset] * both[n]
+                            here, there = tile[tile_of[m], k, u:v], tile[tile_of[m], k, u + offset : v + offset]
+                            for n in range(b - a):
+                                out[m, l, i, u + n] += pair * here[n] * there[n] * both[a + n]
                         else:
                             for c in range(channels):
                                 for e in range(channels):
-                                    weight = pair * response[c, k] * response[e, k]
-                                    p, q = l * channels + c, i * channels + e
-                                    for n in range(a, b):
-                                        out[m, p, q, n + shift] += weight * both[n]
+                                    _add_scaled(
+                                        pair * response[c, k] * response[e, k], both[a:b], out[m, l * channels + c, i * channels + e, u:v]
+                                    )

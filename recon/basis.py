@@ -67,25 +67,39 @@ class Kronecker(Config):
 
     def analysis(self, cube: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Return theta = Psi^T f for a cube (M, N, K)."""
-        from recon import wavelet_kernels as kernels
-
         source, target = self._arrays(cube, out)
-        low, high, length = filter_pair(self.wavelet, target.dtype)
-        threads.run(kernels.analysis_bands, source.shape[0], source, low, high, length, self.level, target)
-        _spectral(cosine_matrix(target.shape[0], target.dtype), target)
+        self._wavelet(source, target, forward=True)
+        _cosine(target, analyse=True, synthesise=False)
         return target.transpose(1, 2, 0)
 
     def synthesis(self, theta: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Return f = Psi theta for coefficients (M, N, K)."""
-        from recon import wavelet_kernels as kernels
-
         source, target = self._arrays(theta, out)
-        low, high, length = interleaved_pair(self.wavelet, target.dtype)
         if target is not source:
             target[...] = source
-        _spectral(np.ascontiguousarray(cosine_matrix(target.shape[0], target.dtype).T), target)
-        threads.run(kernels.synthesis_bands, source.shape[0], target, low, high, length, self.level, target)
+        _cosine(target, analyse=False, synthesise=True)
+        self._wavelet(target, target, forward=False)
         return target.transpose(1, 2, 0)
+
+    def shrink(self, cube: np.ndarray, threshold: float) -> float:
+        """Replace a band-major cube by ``Psi soft(Psi^T f, threshold)`` in place and return ``||soft(...)||_1``.
+
+        The coefficients never go to memory between the two spectral transforms.
+        """
+        _, target = self._arrays(cube, cube)
+        self._wavelet(target, target, forward=True)
+        total = _cosine(target, analyse=True, synthesise=True, threshold=threshold)
+        self._wavelet(target, target, forward=False)
+        return total
+
+    def _wavelet(self, source: np.ndarray, target: np.ndarray, *, forward: bool) -> None:
+        from recon import wavelet_kernels as kernels
+
+        if self.level == 0 and source is target:
+            return
+        kernel = kernels.analysis_bands if forward else kernels.synthesis_bands
+        filters = (filter_pair if forward else interleaved_pair)(self.wavelet, target.dtype)
+        threads.run(kernel, source.shape[0], source, *filters, self.level, target)
 
     def _arrays(self, value: np.ndarray, out: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         array = np.asarray(value)
@@ -151,8 +165,15 @@ def cosine_matrix(bands: int, dtype: Any) -> np.ndarray:
     return matrix.astype(dtype)
 
 
-def _spectral(matrix: np.ndarray, cube: np.ndarray) -> None:
+def _cosine(cube: np.ndarray, *, analyse: bool, synthesise: bool, threshold: float = -1.0) -> float:
+    """Transform a band-major cube (K, M, N) along wavelength in place; see ``cosine_tiles``."""
     from recon import wavelet_kernels as kernels
 
     flat = cube.reshape(cube.shape[0], -1)
-    threads.run(kernels.spectral_tiles, -(-flat.shape[1] // kernels.TILE), matrix, flat, flat)
+    matrix = cosine_matrix(cube.shape[0], cube.dtype)
+    even = np.ascontiguousarray(matrix[0::2, : -(-cube.shape[0] // 2)])
+    odd = np.ascontiguousarray(matrix[1::2, : cube.shape[0] // 2])
+    tiles = -(-flat.shape[1] // kernels.TILE)
+    sums = np.zeros(tiles)
+    threads.run(kernels.cosine_tiles, tiles, even, odd, flat, flat, analyse, threshold, synthesise, sums)
+    return float(sums.sum())

@@ -1,8 +1,8 @@
 """Compiled periodised orthogonal filter bank and spectral transform, band-major (theory.md (S.6), (S.7)).
 
 The filter bank works one band at a time, in place, so a band of 256 x 256 float32 stays in the second-level
-cache through all levels. Four taps are combined in each pass over a row: that keeps the vector units busy for any
-even filter length; filters come padded with zeros to a multiple of four.
+cache through all levels. Eight (or four) taps are combined in each pass over a row: that keeps the vector units busy
+for any filter length; filters come padded with zeros to a multiple of four.
 """
 
 from typing import Any
@@ -14,19 +14,28 @@ FAST = {"contract", "reassoc", "nsz", "arcp"}
 TILE = 128  # pixels of one spectral tile: 24 bands of float32 are 12 kB
 
 
-@njit(nogil=True, cache=True, fastmath=FAST, inline="never")
-def _combine(size: int, fresh: bool, p: Any, q: Any, a: Any, b: Any, r0: Any, r1: Any, r2: Any, r3: Any, low: Any, high: Any) -> None:
-    """Add four weighted rows to ``low`` and to ``high``: weights ``a[p..p+3 step]`` and ``b``."""
-    a0, a1, a2, a3 = a[p], a[p + q], a[p + 2 * q], a[p + 3 * q]
-    b0, b1, b2, b3 = b[p], b[p + q], b[p + 2 * q], b[p + 3 * q]
+@njit(nogil=True, fastmath=FAST, forceinline=True)
+def _add8(fresh: bool, w: Any, t: int, r0: Any, r1: Any, r2: Any, r3: Any, r4: Any, r5: Any, r6: Any, r7: Any, out: Any) -> None:
+    """Set (``fresh``) or raise ``out`` by eight rows weighted with ``w[t..t+7]``; one store keeps LLVM's alias checks few."""
+    a, b, c, d, e, f, g, h = w[t], w[t + 1], w[t + 2], w[t + 3], w[t + 4], w[t + 5], w[t + 6], w[t + 7]
     if fresh:
-        for j in range(size):
-            low[j] = a0 * r0[j] + a1 * r1[j] + a2 * r2[j] + a3 * r3[j]
-            high[j] = b0 * r0[j] + b1 * r1[j] + b2 * r2[j] + b3 * r3[j]
+        for j in range(out.size):
+            out[j] = a * r0[j] + b * r1[j] + c * r2[j] + d * r3[j] + e * r4[j] + f * r5[j] + g * r6[j] + h * r7[j]
     else:
-        for j in range(size):
-            low[j] += a0 * r0[j] + a1 * r1[j] + a2 * r2[j] + a3 * r3[j]
-            high[j] += b0 * r0[j] + b1 * r1[j] + b2 * r2[j] + b3 * r3[j]
+        for j in range(out.size):
+            out[j] += a * r0[j] + b * r1[j] + c * r2[j] + d * r3[j] + e * r4[j] + f * r5[j] + g * r6[j] + h * r7[j]
+
+
+@njit(nogil=True, fastmath=FAST, forceinline=True)
+def _add4(fresh: bool, w: Any, t: int, r0: Any, r1: Any, r2: Any, r3: Any, out: Any) -> None:
+    """As ``_add8`` with four rows."""
+    a, b, c, d = w[t], w[t + 1], w[t + 2], w[t + 3]
+    if fresh:
+        for j in range(out.size):
+            out[j] = a * r0[j] + b * r1[j] + c * r2[j] + d * r3[j]
+    else:
+        for j in range(out.size):
+            out[j] += a * r0[j] + b * r1[j] + c * r2[j] + d * r3[j]
 
 
 @njit(nogil=True, cache=True)
@@ -36,10 +45,49 @@ def _wrap(source: Any, size: int, start: int, count: int, out: Any) -> None:
     done = 0
     while done < count:
         chunk = min(size - at, count - done)
+        a, b = source[at : at + chunk], out[done : done + chunk]
         for j in range(chunk):
-            out[done + j] = source[at + j]
+            b[j] = a[j]
         done += chunk
         at = 0
+
+
+@njit(nogil=True, cache=True, fastmath=FAST)
+def _along_row(weights: Any, first: Any, second: Any, start: int, step: int, out: Any) -> None:
+    """Set ``out[i] = sum_u weights[2u] first[i + start + step u] + weights[2u+1] second[...]``."""
+    taps, n = weights.size, out.size
+    t = 0
+    while t + 8 <= taps:
+        s = start + step * (t // 2)
+        p, q, r = s + step, s + 2 * step, s + 3 * step
+        _add8(
+            t == 0, weights, t, first[s : s + n], second[s : s + n], first[p : p + n], second[p : p + n],
+            first[q : q + n], second[q : q + n], first[r : r + n], second[r : r + n], out,
+        )  # fmt: skip
+        t += 8
+    if t < taps:
+        s = start + step * (t // 2)
+        p = s + step
+        _add4(t == 0, weights, t, first[s : s + n], second[s : s + n], first[p : p + n], second[p : p + n], out)
+
+
+@njit(nogil=True, cache=True, fastmath=FAST)
+def _across_rows(weights: Any, source: Any, columns: int, rows: Any, out: Any) -> None:
+    """Set ``out = sum_t weights[t] source[rows[t], :columns]``."""
+    taps = weights.size
+    t = 0
+    while t + 8 <= taps:
+        _add8(
+            t == 0, weights, t, source[rows[t], :columns], source[rows[t + 1], :columns], source[rows[t + 2], :columns],
+            source[rows[t + 3], :columns], source[rows[t + 4], :columns], source[rows[t + 5], :columns],
+            source[rows[t + 6], :columns], source[rows[t + 7], :columns], out,
+        )  # fmt: skip
+        t += 8
+    if t < taps:
+        _add4(
+            t == 0, weights, t, source[rows[t], :columns], source[rows[t + 1], :columns], source[rows[t + 2], :columns],
+            source[rows[t + 3], :columns], out,
+        )  # fmt: skip
 
 
 @njit(nogil=True, cache=True)
@@ -52,45 +100,44 @@ def analysis_bands(first: int, last: int, cube: Any, low_pass: Any, high_pass: A
     row = np.empty(columns + taps, out.dtype)
     even = np.empty(columns // 2 + taps, out.dtype)
     odd = np.empty(columns // 2 + taps, out.dtype)
+    used = np.empty(taps, np.int64)
     for k in range(first, last):
-        if levels == 0:
+        if levels == 0 or cube.ctypes.data != out.ctypes.data:
             out[k] = cube[k]
         for level in range(levels):
             r, c = rows >> level, columns >> level
             half = c // 2
             for i in range(r):
-                _wrap(cube[k, i] if level == 0 else out[k, i], c, origin, c + taps, row)
+                _wrap(out[k, i], c, origin, c + taps, row)
                 for j in range((c + taps) // 2):
                     even[j] = row[2 * j]
                     odd[j] = row[2 * j + 1]
-                for t in range(0, taps, 4):
-                    s = t // 2
-                    _combine(
-                        half, t == 0, t, 1, low_pass, high_pass, even[s:], odd[s:], even[s + 1 :], odd[s + 1 :], middle[i], middle[i, half:]
-                    )
+                _along_row(low_pass, even, odd, 0, 1, middle[i, :half])
+                _along_row(high_pass, even, odd, 0, 1, middle[i, half:c])
             for i in range(r // 2):
-                for t in range(0, taps, 4):
-                    at = 2 * i + origin + t
-                    r0, r1, r2, r3 = middle[at % r], middle[(at + 1) % r], middle[(at + 2) % r], middle[(at + 3) % r]
-                    _combine(c, t == 0, t, 1, low_pass, high_pass, r0, r1, r2, r3, out[k, i], out[k, r // 2 + i])
+                for t in range(taps):
+                    used[t] = (2 * i + origin + t) % r
+                _across_rows(low_pass, middle, c, used, out[k, i, :c])
+                _across_rows(high_pass, middle, c, used, out[k, r // 2 + i, :c])
 
 
 @njit(nogil=True, cache=True)
-def synthesis_bands(first: int, last: int, packed: Any, low_pass: Any, high_pass: Any, length: int, levels: int, out: Any) -> None:
+def synthesis_bands(first: int, last: int, packed: Any, even_phase: Any, odd_phase: Any, length: int, levels: int, out: Any) -> None:
     """Invert ``analysis_bands`` (its transpose) for the bands ``first..last``; ``packed`` and ``out`` may be one array.
 
-    The filters come interleaved: ``low_pass = [h0, g0, h2, g2, ...]`` makes even and ``high_pass = [h1, g1, ...]`` odd samples.
+    The filters come as phases: ``even_phase = [h0, g0, h2, g2, ...]`` makes even samples, ``[h1, g1, h3, ...]`` odd ones.
     """
     rows, columns = packed.shape[1], packed.shape[2]
-    taps = low_pass.size
+    taps = even_phase.size
     origin = 1 - length // 2
     reach = taps // 2 - 1
     middle = np.empty((rows, columns), out.dtype)
     low = np.empty(columns // 2 + taps, out.dtype)
     high = np.empty(columns // 2 + taps, out.dtype)
-    even = np.empty(columns, out.dtype)
-    odd = np.empty(columns, out.dtype)
+    even = np.empty(columns // 2, out.dtype)
+    odd = np.empty(columns // 2, out.dtype)
     row = np.empty(columns, out.dtype)
+    used = np.empty(taps, np.int64)
     for k in range(first, last):
         if levels == 0 or packed.ctypes.data != out.ctypes.data:
             out[k] = packed[k]
@@ -98,19 +145,16 @@ def synthesis_bands(first: int, last: int, packed: Any, low_pass: Any, high_pass
             r, c = rows >> level, columns >> level
             n, half = r // 2, c // 2
             for i in range(n):
-                top, below = (2 * i + origin) % r, (2 * i + 1 + origin) % r
-                for t in range(0, taps, 4):
-                    u = t // 2
-                    a, b = (i - u) % n, (i - u - 1) % n
-                    _combine(
-                        c, t == 0, t, 1, low_pass, high_pass, out[k, a], out[k, n + a], out[k, b], out[k, n + b], middle[top], middle[below]
-                    )
+                for u in range(taps // 2):
+                    used[2 * u] = (i - u) % n
+                    used[2 * u + 1] = n + (i - u) % n
+                _across_rows(even_phase, out[k], c, used, middle[(2 * i + origin) % r, :c])
+                _across_rows(odd_phase, out[k], c, used, middle[(2 * i + 1 + origin) % r, :c])
             for i in range(r):
                 _wrap(middle[i], half, -reach, half + reach, low)
-                _wrap(middle[i, half:], half, -reach, half + reach, high)
-                for t in range(0, taps, 4):
-                    u = reach - t // 2
-                    _combine(half, t == 0, t, 1, low_pass, high_pass, low[u:], high[u:], low[u - 1 :], high[u - 1 :], even, odd)
+                _wrap(middle[i, half:c], half, -reach, half + reach, high)
+                _along_row(even_phase, low, high, reach, -1, even[:half])
+                _along_row(odd_phase, low, high, reach, -1, odd[:half])
                 for j in range(half):
                     row[2 * j] = even[j]
                     row[2 * j + 1] = odd[j]
@@ -119,34 +163,102 @@ def synthesis_bands(first: int, last: int, packed: Any, low_pass: Any, high_pass
 
 @njit(nogil=True, cache=True, fastmath=FAST)
 def _fold(matrix: Any, x: Any, out: Any, size: int) -> None:
-    """Set ``out[i] = sum_k matrix[i, k] x[k]`` over tiles of ``size`` pixels, four terms a pass."""
+    """Set ``out[i] = sum_k matrix[i, k] x[k]`` over the first ``size`` pixels of a tile."""
     count = matrix.shape[1]
     for i in range(matrix.shape[0]):
-        for j in range(size):
-            out[i, j] = 0
-        for k in range(0, count - 3, 4):
-            a0, a1, a2, a3 = matrix[i, k], matrix[i, k + 1], matrix[i, k + 2], matrix[i, k + 3]
+        w, total = matrix[i], out[i, :size]
+        k = 0
+        while k + 8 <= count:
+            _add8(
+                k == 0, w, k, x[k, :size], x[k + 1, :size], x[k + 2, :size], x[k + 3, :size], x[k + 4, :size],
+                x[k + 5, :size], x[k + 6, :size], x[k + 7, :size], total,
+            )  # fmt: skip
+            k += 8
+        if k + 4 <= count:
+            _add4(k == 0, w, k, x[k, :size], x[k + 1, :size], x[k + 2, :size], x[k + 3, :size], total)
+            k += 4
+        if count < 4:
+            total[:] = 0
+        while k < count:
             for j in range(size):
-                out[i, j] += a0 * x[k, j] + a1 * x[k + 1, j] + a2 * x[k + 2, j] + a3 * x[k + 3, j]
-        for k in range(count - count % 4, count):
-            a0 = matrix[i, k]
-            for j in range(size):
-                out[i, j] += a0 * x[k, j]
+                total[j] += w[k] * x[k, j]
+            k += 1
 
 
 @njit(nogil=True, cache=True, fastmath=FAST)
-def spectral_tiles(first: int, last: int, matrix: Any, x: Any, out: Any) -> None:
-    """Multiply every pixel's spectrum by ``matrix`` (K, K): tiles ``first..last`` of ``x`` (K, pixels) into ``out``."""
+def _shrink(values: Any, size: int, limit: float) -> float:
+    """Soft-threshold ``values`` in place and return the sum of what is left in absolute value."""
+    total = np.zeros(1, values.dtype)[0]
+    for j in range(size):
+        v = values[j]
+        v -= min(max(v, -limit), limit)
+        values[j] = v
+        total += abs(v)
+    return total
+
+
+@njit(nogil=True, cache=True, fastmath=FAST)
+def cosine_tiles(
+    first: int, last: int, even: Any, odd: Any, x: Any, out: Any, analyse: bool, threshold: float, synthesise: bool, sums: Any
+) -> None:
+    """DCT-II, soft threshold and inverse DCT of every pixel's spectrum, in one pass through the cache.
+
+    Tiles ``first..last`` of ``x`` (K, pixels) go to ``out`` (may be ``x``). The mirror symmetry of the cosines halves
+    the work: ``even`` holds the even rows of the DCT on the first ceil(K/2) bands, ``odd`` the odd rows on the first
+    floor(K/2). A negative threshold leaves the coefficients alone. ``sums[tile]`` gets the l1 norm of what is left.
+    """
     bands, pixels = x.shape
-    held = np.empty((bands, TILE), out.dtype)
-    made = np.empty((bands, TILE), out.dtype)
+    half = bands // 2
+    upper = even.shape[0]
+    even_back, odd_back = even.T.copy(), odd.T.copy()
+    a = np.empty((upper, TILE), out.dtype)
+    b = np.empty((upper, TILE), out.dtype)
+    c = np.empty((upper, TILE), out.dtype)
+    d = np.empty((upper, TILE), out.dtype)
+    limit = np.asarray(threshold).astype(out.dtype).item()
     for tile in range(first, last):
         at = tile * TILE
         size = min(TILE, pixels - at)
-        for k in range(bands):
-            for j in range(size):
-                held[k, j] = x[k, at + j]
-        _fold(matrix, held, made, size)
-        for k in range(bands):
-            for j in range(size):
-                out[k, at + j] = made[k, j]
+        if analyse:
+            for k in range(half):
+                for j in range(size):
+                    p, q = x[k, at + j], x[bands - 1 - k, at + j]
+                    a[k, j] = p + q
+                    b[k, j] = p - q
+            if upper > half:
+                for j in range(size):
+                    a[half, j] = x[half, at + j]
+            _fold(even, a, c, size)
+            _fold(odd, b, d, size)
+        else:
+            for k in range(upper):
+                for j in range(size):
+                    c[k, j] = x[2 * k, at + j]
+            for k in range(half):
+                for j in range(size):
+                    d[k, j] = x[2 * k + 1, at + j]
+        if threshold >= 0:
+            total = 0.0
+            for k in range(upper):
+                total += _shrink(c[k], size, limit)
+            for k in range(half):
+                total += _shrink(d[k], size, limit)
+            sums[tile] = total
+        if synthesise:
+            _fold(even_back, c, a, size)
+            _fold(odd_back, d, b, size)
+            for k in range(half):
+                for j in range(size):
+                    p, q = a[k, j], b[k, j]
+                    out[k, at + j] = p + q
+                    out[bands - 1 - k, at + j] = p - q
+            if upper > half:
+                for j in range(size):
+                    out[half, at + j] = a[half, j]
+        else:
+            for k in range(upper):
+                for j in range(size):
+                    out[2 * k, at + j] = c[k, j]
+            for k in range(half):
+                for j in range(size):
+                    out[2 * k + 1, at + j] = d[k, j]
