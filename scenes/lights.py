@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import model_validator
 
+from scenes.errors import InputError
 from scenes.materials import Emission
 from scenes.model import Direction, Model, Vector
 from scenes.shapes import require_perpendicular
@@ -59,6 +61,27 @@ class AreaLight(Light):
         """Return the (4, 3) corners, anticlockwise seen from the glowing side."""
         c, u, v = (np.asarray(x) for x in (self.center, self.half_u, self.half_v))
         return np.array([c - u - v, c + u - v, c + u + v, c - u + v])
+
+    def irradiance_per_radiance(self, point: ArrayLike, normal: ArrayLike) -> float:
+        """Return irradiance / radiance in sr at a surface point, nothing in between (Lambert's polygon formula, theory.md R.8).
+
+        Args:
+            point: three coordinates in metres.
+            normal: of the surface there, any length.
+
+        Raises:
+            InputError: ``light`` when a part of the light lies behind the surface, or the point behind the light.
+        """
+        n = np.asarray(normal, np.float64) / np.linalg.norm(normal)
+        r = self.corners() - np.asarray(point, np.float64)
+        if np.any(r @ n < 0) or np.any(r @ self.normal > 0):
+            raise InputError("light", self.center, "wholly above the surface and facing the point")
+        r = r / np.linalg.norm(r, axis=1, keepdims=True)
+        after = np.roll(r, -1, axis=0)
+        across = np.cross(r, after)
+        sine = np.linalg.norm(across, axis=1)
+        angle = np.arctan2(sine, np.sum(r * after, axis=1))
+        return float(abs(np.sum(angle / sine * (across @ n))) / 2)
 
 
 class DirectionalLight(Light):

@@ -74,7 +74,12 @@ def did_you_mean(word: str, choices: Any) -> str:
     return f" (did you mean {lower[close[0]]!r}?)" if close else ""
 
 
-def _three_numbers(value: Any) -> tuple[float, float, float]:
+def vector(value: Any) -> tuple[float, float, float]:
+    """Return three finite numbers as a tuple, from any sequence or array of three.
+
+    Raises:
+        InputError: when they are not three, not finite, or above 1e9 in size.
+    """
     try:
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError):
@@ -92,7 +97,7 @@ def _not_null(value: tuple[float, float, float]) -> tuple[float, float, float]:
     return value
 
 
-Vector = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers)]
+Vector = Annotated[tuple[float, float, float], BeforeValidator(vector)]
 """Three finite coordinates in metres."""
 Direction = Annotated[Vector, AfterValidator(_not_null)]
 """A vector of non-zero length."""
