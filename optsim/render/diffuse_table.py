@@ -1,0 +1,131 @@
+"""Transport in scenes whose surfaces are all diffuse: one path for all wavelengths, reflectances from a table.
+
+No BSDF and no texture is ever called: a [material, node] table replaces them, and light is one number for all wavelengths.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from optsim.render.translate import material_number, shape_handle
+
+ROULETTE_FROM = 4
+"""Number of reflections after which paths are ended at random."""
+
+
+class DiffuseTable:
+    """Follow diffuse paths through a Mitsuba scene.
+
+    Args:
+        scene: Mitsuba scene of :func:`optsim.render.translate.load`, lights `uniform`.
+        reflectance: (materials, n) reflectance at the nodes, within [0, 1].
+        max_reflectance: (materials,) largest reflectance at any wavelength: ends paths independently of the nodes chosen.
+        max_depth: emission plus at most max_depth - 1 reflections.
+        hit_lights: also count lights that a scattered ray happens to hit, weighted against light sampling (theory.md R.26);
+            else light sampling alone, cheaper where lights look small.
+    """
+
+    def __init__(self, scene: Any, reflectance: np.ndarray, max_reflectance: np.ndarray, max_depth: int, hit_lights: bool) -> None:
+        self.scene = scene
+        self.nodes = reflectance.shape[1]
+        self.groups = (self.nodes + 3) // 4
+        self.hit_lights = hit_lights
+        self.max_depth = dr.opaque(mi.UInt32, max_depth)
+        padded = np.zeros((len(reflectance) + 1, 4 * self.groups), np.float32)  # the last row is black: lights
+        padded[:-1, : self.nodes] = reflectance
+        self.table = mi.Float(padded.ravel())
+        self.largest = mi.Float(np.append(max_reflectance, 0.0).astype(np.float32))
+        shapes = [(shape_handle(s), material_number(s)) for s in scene.shapes()]
+        rows = np.full(max((h for h, _ in shapes), default=0) + 1, len(reflectance), np.uint32)
+        for handle, number in shapes:
+            if number >= 0:
+                rows[handle] = number
+        self.row_of = mi.UInt32(rows)
+
+    @dr.syntax
+    def radiance(self, ray: Any, stream: Any, u: Any, v: Any) -> Any:
+        """Trace one path per thread.
+
+        Args:
+            ray: camera rays.
+            stream: PCG32.
+            u: first number of the light sample at the first hit.
+            v: second number of it.
+
+        Returns:
+            transport as ``groups`` spectra of four nodes each, and the share of light cut off by max_depth.
+        """
+        scene = self.scene
+        light = [mi.Spectrum(0) for _ in range(self.groups)]
+        weight = [mi.Spectrum(1) for _ in range(self.groups)]
+        bound, cut = mi.Float(1), mi.Float(0)
+        depth = mi.UInt32(0)
+        before = dr.zeros(mi.SurfaceInteraction3f)
+        density = mi.Float(1)
+        ray, active = mi.Ray3f(ray), mi.Bool(True)
+        while active:
+            si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal, coherent=(depth == 0))
+            si.sh_frame = mi.Frame3f(si.n)
+            si.wi = dr.select(si.is_valid(), si.to_local(-ray.d), -ray.d)
+            glow = self._glow(si, before, density, depth, active)
+            lit = active & si.is_valid() & (dr.dot(si.n, ray.d) < 0)
+            row = self._row(si, lit)
+            top = dr.gather(mi.Float, self.largest, row, lit)
+            lit &= top > 0
+            more = lit & ((depth + 1) < self.max_depth)
+            first = depth == 0
+            point = mi.Point2f(dr.select(first, u, stream.next_float32()), dr.select(first, v, stream.next_float32()))
+            direct = self._direct(si, point, more)
+            for g in range(self.groups):
+                light[g] = dr.fma(weight[g], glow, light[g])
+                weight[g] *= dr.gather(mi.Spectrum, self.table, row * self.groups + g, more)
+                light[g] = dr.fma(weight[g], direct, light[g])
+            local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(stream.next_float32(), stream.next_float32()))
+            ray = si.spawn_ray(si.to_world(local))
+            before, density = si, local.z * dr.inv_pi
+            depth += 1
+            bound *= top
+            survival = dr.select(depth >= ROULETTE_FROM, dr.minimum(bound, 1), 1)
+            useful = self._useful(depth)
+            cut = dr.select(more & ~useful, bound, cut)
+            active = more & useful & (stream.next_float32() < survival)
+            share = dr.rcp(survival)
+            bound *= share
+            for g in range(self.groups):
+                weight[g] *= share
+        return light, cut
+
+    def _row(self, si: Any, active: Any) -> Any:
+        handle: Any = dr.reinterpret_array(mi.UInt32, si.shape)
+        return dr.gather(mi.UInt32, self.row_of, handle, active)
+
+    def _glow(self, si: Any, before: Any, density: Any, depth: Any, active: Any) -> Any:
+        """Return the light that the surface hit sends out itself, weighted against light sampling after the first ray."""
+        own = si.emitter(self.scene).eval(si, active)[0]
+        if not self.hit_lights:
+            return dr.select(depth == 0, own, 0)
+        sample = mi.DirectionSample3f(self.scene, si, before)
+        by_light = self.scene.pdf_emitter_direction(before, sample, active & (depth > 0))
+        return own * dr.select(depth == 0, 1, power_share(density, by_light))
+
+    def _direct(self, si: Any, point: Any, active: Any) -> Any:
+        """Return light from one sampled light, times cosine / pi; the reflectance is not in it."""
+        sample, emission = self.scene.sample_emitter_direction(si, point, True, active)
+        cosine = dr.dot(si.n, sample.d)
+        ok = active & (sample.pdf != 0) & (cosine > 0)
+        density = cosine * dr.inv_pi
+        share = dr.select(sample.delta, 1, power_share(sample.pdf, density)) if self.hit_lights else 1
+        return dr.select(ok, density * emission[0] * share, 0)
+
+    def _useful(self, depth: Any) -> Any:
+        """Tell whether a ray that has been reflected ``depth`` times can still bring light home."""
+        return (depth < self.max_depth) if self.hit_lights else ((depth + 1) < self.max_depth)
+
+
+def power_share(a: Any, b: Any) -> Any:
+    """Weight density a against b by the power heuristic with exponent 2 (Veach and Guibas 1995); 0 where a is 0."""
+    return dr.select(a > 0, a * a / (a * a + b * b), 0)

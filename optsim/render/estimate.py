@@ -1,0 +1,46 @@
+"""From transport replicates to band radiances: means, standard errors, and the error that decides when to stop."""
+
+from __future__ import annotations
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from optsim.render.replicates import Replicates
+
+PIXELS_A_BLOCK = 2**16
+
+
+def relative_errors(groups: list[Replicates], weights: list[np.ndarray]) -> np.ndarray:
+    """Estimate each band's RMS standard error over the picture, divided by the band's mean radiance.
+
+    Node errors are added as if fully correlated within a group, which they nearly are, as one path carries all nodes: an upper
+    bound. Groups are independent (theory.md R.28). A black band has error 0.
+
+    Args:
+        groups: replicates of shape (n, pixels), at least two each.
+        weights: (K, n) band weights of each group.
+    """
+    squares, means = 0.0, 0.0
+    for group, weight in zip(groups, weights):
+        squares = squares + (weight @ np.sqrt(group.squared_error().mean(1))) ** 2
+        means = means + weight @ group.mean.mean(1)
+    errors, level = np.sqrt(np.asarray(squares)), np.asarray(means)
+    return np.divide(errors, level, out=np.zeros_like(errors), where=level > 0)
+
+
+def band_radiance(groups: list[Replicates], weights: list[np.ndarray], pixels: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return (pixels, K) float32 radiance and standard error (None with a single pass), theory.md R.24 and R.28."""
+    count = len(weights[0]) if weights else 0
+    radiance = np.zeros((pixels, count), np.float32)
+    stderr = np.zeros((pixels, count), np.float32) if all(group.count > 1 for group in groups) else None
+    with threadpool_limits(1):  # one BLAS thread: the same bytes whatever the number of cores
+        for start in range(0, pixels, PIXELS_A_BLOCK):
+            block = slice(start, start + PIXELS_A_BLOCK)
+            radiance[block] = sum(group.mean[:, block].T @ weight.T for group, weight in zip(groups, weights))
+            if stderr is not None:
+                variance = sum(
+                    (np.sqrt(group.scatter[:, block].T / (group.count * (group.count - 1))) @ weight.T) ** 2
+                    for group, weight in zip(groups, weights)
+                )
+                stderr[block] = np.sqrt(variance)
+    return radiance, stderr

@@ -1,0 +1,95 @@
+"""Launch an integrator over a picture: one thread a pixel, the sample loop inside the kernel, no film.
+
+The pixel is sampled uniformly: an exact box filter, as a sensor pixel or a mirror integrates over its area. Nothing is
+scattered with atomics, so repeats agree bit by bit.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from optsim.render.frame import CameraRays
+from optsim.render.sampling import PathSampler, seed_words
+
+SAMPLES_A_LAUNCH = 4096
+"""Float32 sums inside a kernel stay this short; launches are added in float64."""
+VALUES_A_TILE = 2**26
+"""Largest number of pixels x nodes of one launch: 256 MiB of results."""
+
+
+class Integrator(Protocol):
+    """Trace one path per thread; see :class:`optsim.render.diffuse_table.DiffuseTable`."""
+
+    nodes: int
+    groups: int
+
+    def radiance(self, ray: Any, stream: Any, u: Any, v: Any) -> Any:
+        """Return transport as ``groups`` spectra of four nodes and the share of light cut off."""
+        ...
+
+
+def trace(integrator: Integrator, rays: CameraRays, size: tuple[int, int], samples: int, key: tuple[int, ...]) -> tuple[np.ndarray, float]:
+    """Render one independent pass.
+
+    Args:
+        integrator: what to trace.
+        rays: the camera.
+        size: picture (height, width).
+        samples: paths a pixel.
+        key: whole numbers that name the pass: seed, light group, pass. Other keys give independent noise.
+
+    Returns:
+        (nodes, height x width) float64 mean transport, and the mean share of light cut off by the depth limit.
+    """
+    height, width = size
+    total = np.zeros((integrator.nodes, height * width))
+    cut = 0.0
+    rows = max(1, min(height, VALUES_A_TILE // (width * integrator.nodes)))
+    shift = seed_words(*key, 0)
+    with dr.suspend_grad():
+        for top in range(0, height, rows):
+            pixels = slice(top * width, min(top + rows, height) * width)
+            for launch, start in enumerate(range(0, samples, SAMPLES_A_LAUNCH)):
+                count = min(SAMPLES_A_LAUNCH, samples - start)
+                sums = _launch(integrator, rays, size, pixels, (start, count), shift, seed_words(*key, launch + 1))
+                for n in range(integrator.nodes):
+                    total[n, pixels] += np.array(sums[n])
+                cut += float(np.sum(np.array(sums[-1]), dtype=np.float64))
+    total /= samples
+    return total, cut / (samples * height * width)
+
+
+@dr.syntax
+def _launch(
+    integrator: Any, rays: Any, size: Any, pixels: slice, samples: tuple[int, int], shift: tuple[int, int], words: tuple[int, int]
+) -> Any:
+    height, width = (dr.opaque(mi.UInt32, side) for side in size)
+    pixel = dr.arange(mi.UInt32, pixels.stop - pixels.start) + dr.opaque(mi.UInt32, pixels.start)
+    column, row = mi.Float(pixel % width), mi.Float(pixel // width)
+    sampler = PathSampler(pixel, shift, words)
+    stream = sampler.stream
+    start, start_a, start_b, forward, turn_a, turn_b = (
+        mi.Vector3f(*[dr.opaque(mi.Float, float(x)) for x in getattr(rays, name)])
+        for name in ("start", "start_a", "start_b", "forward", "turn_a", "turn_b")
+    )
+    sums = [mi.Spectrum(0) for _ in range(integrator.groups)]
+    cut = mi.Float(0)
+    index = dr.opaque(mi.UInt32, samples[0])
+    stop = dr.opaque(mi.UInt32, samples[0] + samples[1])
+    while index < stop:
+        x, y, u, v = sampler.first(index)
+        a = 2 * (column + x) / mi.Float(width) - 1
+        b = 2 * (row + y) / mi.Float(height) - 1
+        ray = mi.Ray3f(mi.Point3f(start + a * start_a + b * start_b), dr.normalize(forward + a * turn_a + b * turn_b))
+        light, lost = integrator.radiance(ray, stream, u, v)
+        for g in range(integrator.groups):
+            sums[g] += light[g]
+        cut += lost
+        index += 1
+    flat = [sums[n // 4][n % 4] for n in range(integrator.nodes)]
+    dr.eval(flat, cut)
+    return [*flat, cut]

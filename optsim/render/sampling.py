@@ -1,0 +1,60 @@
+"""Random numbers for paths: a randomly shifted Kronecker sequence for the first dimensions, PCG32 for the rest.
+
+Kronecker points fill the square of pixel and light far more evenly than random ones; each pass shifts them anew in each
+pixel, so that passes are independent replicates and their scatter is an honest standard error (theory.md R.27).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+DIMENSIONS = 4
+
+
+def _increments() -> list[int]:
+    """Return the powers of the generalised golden ratio, x^(d+1) = x + 1, as 32-bit fractions."""
+    x = 1.5
+    for _ in range(64):
+        x = (1 + x) ** (1 / (DIMENSIONS + 1))
+    return [round(x ** -(j + 1) * 2**32) for j in range(DIMENSIONS)]
+
+
+INCREMENTS = _increments()
+
+
+def seed_words(*key: int) -> tuple[int, int]:
+    """Mix whole numbers (seed, light group, pass, ...) into two 32-bit words."""
+    a, b = np.random.SeedSequence(list(key)).generate_state(2)
+    return int(a), int(b)
+
+
+class PathSampler:
+    """Draw the random numbers of one path per thread.
+
+    Args:
+        pixel: number of each thread's pixel in the whole picture: tiles of one pass never share numbers.
+        shift: two words that select the replicate's shifts.
+        words: two words that select its PCG32 stream.
+    """
+
+    def __init__(self, pixel: Any, shift: tuple[int, int], words: tuple[int, int]) -> None:
+        shifts = _stream(pixel, shift)
+        self.shift = [shifts.next_uint32() for _ in range(DIMENSIONS)]
+        self.stream = _stream(pixel, words)
+
+    def first(self, index: Any) -> list[Any]:
+        """Return the Kronecker point of sample ``index`` (UInt32), DIMENSIONS floats in [0, 1)."""
+        return [mi.Float((s + index * mi.UInt32(step)) >> 8) * 2.0**-24 for s, step in zip(self.shift, INCREMENTS)]
+
+
+def _stream(pixel: Any, words: tuple[int, int]) -> Any:
+    a: Any = dr.opaque(mi.UInt32, words[0])
+    b: Any = dr.opaque(mi.UInt32, words[1])
+    wide: Any = mi.UInt64
+    mix: Any = mi.sample_tea_32
+    low, high = mix(pixel, a)
+    return mi.PCG32(initstate=wide(low) | (wide(high) << 32), initseq=(wide(b) << 32) | wide(pixel))
