@@ -1,0 +1,222 @@
+"""Say what the run found: a title, the numbers under it, and findings, each computed from rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, MONO_REPEATED, SERIES, RunData, Series
+from optsim.report.select import Recipe, db, listing, main_recipe, ratio_text, ratios, score, scores_at, span_text
+from optsim.report.wording import compare, model_text, ordering, outcome, recipe_text, side, solver_text, swaps
+
+EXPECTED = (MONO_REPEATED, BAYER, FOVEON, MONO_DISTINCT)
+"""The ordering, ascending, that a throw-away prototype found by basis pursuit before this program was written."""
+MAIN_R = 0.125
+"""One colour shot against three mono shots: where the headline is read."""
+PAIRS = ((BAYER, MONO_DISTINCT), (FOVEON, MONO_DISTINCT), (BAYER, MONO_REPEATED), (FOVEON, MONO_REPEATED), (FOVEON, BAYER))
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Hold one finding: a label, sentences, and a small table (or none)."""
+
+    label: str
+    text: str
+    header: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Hold the page's lead.
+
+    Args:
+        title: the honest headline, one sentence.
+        basis: target, R and recipe that the title speaks of, with the scores in ascending order.
+        readings: one sentence a reading of "three monochrome shots".
+        findings: what else bears on the title.
+    """
+
+    title: str
+    basis: str
+    readings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+
+def make_verdict(run: RunData) -> Verdict:
+    """Build the lead of the page from a run; what was not run is said, not guessed."""
+    recipe = main_recipe(run)
+    target = next((t for t in run.targets if ratios(run, recipe, t)), None)
+    if recipe is None or target is None:
+        return Verdict("Nothing was reconstructed in this run.", "summary.json holds no rows.", (), ())
+    R = min(ratios(run, recipe, target), key=lambda r: abs(r - MAIN_R))
+    scores = scores_at(run, recipe, target, R)
+    sentences = [text for mono in (MONO_DISTINCT, MONO_REPEATED) if (text := reading(scores, mono))]
+    basis = f"{target}, R = {ratio_text(R)}, {recipe_text(recipe)}: {ordering(scores) or 'exact'}."
+    findings = (
+        expectation(run, recipe, target),
+        over_ratios(run, recipe, (target, R)),
+        tau_finding(run, recipe, target),
+        matched_finding(run, recipe, target, R),
+        caution(run),
+    )
+    return Verdict(title(scores), basis, tuple(sentences), tuple(f for f in findings if f.text or f.rows))
+
+
+def title(scores: dict[str, float]) -> str:
+    """Write the headline from the scores at one target and R."""
+    clauses = {mono.key: clause for mono in (MONO_DISTINCT, MONO_REPEATED) if (clause := outcome(scores, mono))}
+    distinct, repeated = clauses.get(MONO_DISTINCT.key), clauses.get(MONO_REPEATED.key)
+    if distinct and repeated:
+        return f"If monochrome’s three shots use three different masks, {distinct}; if they repeat one mask, {repeated}."
+    if distinct:
+        return f"If monochrome’s three shots use three different masks, {distinct}; the repeated mask was not run."
+    if repeated:
+        return f"If monochrome’s three shots repeat one mask, {repeated}; three different masks were not run."
+    return f"Not all sensors were run: {ordering(scores) or 'no score to compare'}."
+
+
+def reading(scores: dict[str, float], mono: Series) -> str | None:
+    """Compare one reading of mono with the colour sensors, in numbers."""
+    others = [(s.short, scores[s.key]) for s in (BAYER, FOVEON) if s.key in scores]
+    if mono.key not in scores or not others:
+        return None
+    lead = "Three different masks" if mono is MONO_DISTINCT else "One mask, three times"
+    return f"{lead}: {compare('mono', scores[mono.key], others)}."
+
+
+def gaps_over_ratios(run: RunData, recipe: Recipe | None, target: str, a: Series, b: Series) -> dict[float, float]:
+    """Return R -> PSNR of a minus PSNR of b in dB, where both were run."""
+    gaps = {}
+    for R in ratios(run, recipe, target):
+        left, right = score(run, recipe, target, a, R), score(run, recipe, target, b, R)
+        if left is not None and right is not None:
+            gaps[R] = left - right
+    return gaps
+
+
+def over_ratios(run: RunData, recipe: Recipe, main: tuple[str, float]) -> Finding:
+    """Say whether the headline's ordering holds at every other R and target; tabulate the range of each gap."""
+    reference = scores_at(run, recipe, *main)
+    rows, exceptions, count = [], [], 0
+    for target in run.targets:
+        found = ratios(run, recipe, target)
+        if not found:
+            continue
+        where = ratio_text(found[0]) + (f" to {ratio_text(found[-1])}" if len(found) > 1 else "")
+        spans = [list(gaps_over_ratios(run, recipe, target, a, b).values()) for a, b in PAIRS]
+        rows.append((target, where, *(span_text(s) if s else "not run" for s in spans)))
+        for R in found:
+            if (target, R) == main:
+                continue
+            count += 1
+            changed = swaps(reference, scores_at(run, recipe, target, R))
+            if changed:
+                exceptions.append(f"{target}, R = {ratio_text(R)}: {listing(changed)}")
+    others = "the other combination" if count == 1 else f"all {count} other combinations"
+    if count == 0:
+        text = "Only one target and one R were run."
+    elif exceptions:
+        text = f"The ordering differs at {len(exceptions)} of the {count} other combinations of target and R. {'. '.join(exceptions)}."
+    else:
+        text = f"The ordering is the same at {others} of target and R that {'was' if count == 1 else 'were'} run."
+    header = ("target", "R", *(f"{a.short} − {b.short}" for a, b in PAIRS))
+    return Finding("Every target and R", text, header, tuple(rows))
+
+
+def expectation(run: RunData, recipe: Recipe, target: str) -> Finding:
+    """Confirm or refute the ordering that was expected before the run."""
+    expected = " < ".join(s.short for s in EXPECTED)
+    lead = f"A prototype with painted targets found, by basis pursuit at R = 1/8, {expected}."
+    scores = scores_at(run, recipe, target, MAIN_R)
+    missing = [s.short for s in EXPECTED if s.key not in scores]
+    if recipe.solver != "basis-pursuit":
+        text = "Basis pursuit was not run here, so this run neither confirms nor refutes it."
+    elif missing:
+        text = f"Not decided here: {listing(missing)} at R = 1/8 was not run."
+    else:
+        wrong = []
+        for low, high in pairwise(EXPECTED):
+            gap = scores[high.key] - scores[low.key]
+            if side(gap) < 1:
+                wrong.append(f"{high.short} {'ties with' if side(gap) == 0 else 'is below'} {low.short} ({db(gap, sign=True)})")
+        verdict = f"Refuted for the rendered {target}: {listing(wrong)}" if wrong else f"Confirmed for the rendered {target}"
+        text = f"{verdict}. Found: {ordering(scores)}."
+    return Finding("The ordering expected beforehand", f"{lead} {text}")
+
+
+def tau_finding(run: RunData, main: Recipe, target: str) -> Finding:
+    """Say how the ordering and the scores move with the tau of Eq. 4."""
+    penalised = [row for row in run.rows if row.tau_rule is not None and row.model == "matched" and row.target == target]
+    if not penalised:
+        return Finding("How tau changes it", "Eq. 4 with a finite tau was not run.")
+    label = recipe_text(main)
+    rows, sentences = [], []
+    for R in sorted({row.R for row in penalised}):
+        reference = scores_at(run, main, target, R)
+        rows.append((ratio_text(R), label, *cells(reference)))
+        for solver in dict.fromkeys(row.solver for row in penalised):
+            found = {rule: scores_at(run, Recipe("matched", "unit-shift", solver, rule), target, R) for rule in ("oracle", "auto")}
+            for rule, scores in found.items():
+                if not scores:
+                    continue
+                rows.append((ratio_text(R), f"Eq. 4, {solver_text(solver)}, {rule} tau", *cells(scores)))
+                changed = swaps(reference, scores)
+                verdict = f"changes the ordering ({'; '.join(changed)})" if changed else "keeps the ordering of basis pursuit"
+                verdict = verdict.replace("basis pursuit", solver_text(main.solver))
+                sentences.append(f"At R = {ratio_text(R)} {solver_text(solver)} with the {rule} tau {verdict}.")
+            losses = {
+                s.short: found["oracle"][s.key] - found["auto"][s.key]
+                for s in SERIES
+                if s.key in found["oracle"] and s.key in found["auto"]
+            }
+            if losses:
+                worst = max(losses, key=lambda name: losses[name])
+                cost = f"at most {db(losses[worst])} ({worst})" if side(losses[worst]) > 0 else "less than 0.05 dB"
+                sentences.append(f"Choosing tau without the truth costs {cost} there.")
+    return Finding("How tau changes it", " ".join(sentences), ("R", "mean PSNR, dB", *(s.short for s in SERIES)), tuple(rows))
+
+
+def cells(scores: dict[str, float]) -> tuple[str, ...]:
+    """Write a score a series, two decimals."""
+    return tuple(f"{scores[s.key]:.2f}" if s.key in scores else "not run" for s in SERIES)
+
+
+def matched_finding(run: RunData, recipe: Recipe, target: str, R: float) -> Finding:
+    """Say what data made by the very operator that inverts them hide."""
+    label = "What matched data hide"
+    base = scores_at(run, replace(recipe, model="matched", operator="unit-shift"), target, R)
+    rows, sentences = [("matched data, the same H", *cells(base))], []
+    for model in dict.fromkeys(row.model for row in run.rows if row.model != "matched"):
+        for operator, name in (("unit-shift", "unit-shift H"), ("camera", "the camera’s own shifts")):
+            scores = scores_at(run, replace(recipe, model=model, operator=operator), target, R)
+            if not scores:
+                continue
+            rows.append((f"{model_text(model)}, {name}", *cells(scores)))
+            moves = [scores[key] - base[key] for key in scores if key in base]
+            if moves:
+                changed = swaps(base, scores)
+                verdict = f"and changes the ordering ({'; '.join(changed)})" if changed else "and leaves the ordering as it is"
+                sentences.append(f"Reconstructing {model_text(model)} with {name} moves the scores by {span_text(moves)} {verdict}.")
+    if not sentences:
+        return Finding(label, f"Physical data were not run at R = {ratio_text(R)} on {target}.")
+    lead = "Matched data come from the very H that inverts them; physical data from the traced prism, integrated finely over wavelength."
+    header = (f"{target}, R = {ratio_text(R)}, dB", *(s.short for s in SERIES))
+    return Finding(label, f"{lead} {' '.join(sentences)}", header, tuple(rows))
+
+
+def caution(run: RunData) -> Finding:
+    """Say how many mask seeds stand behind the numbers and how many solves stopped early."""
+    seeds = sorted({row.seed for row in run.rows})
+    text = (
+        "One mask seed: no interval can be given, and another mask may move a gap by some tenths of a decibel."
+        if len(seeds) == 1
+        else (f"Scores are means over {len(seeds)} mask seeds.")
+    )
+    told = [row for row in run.rows if row.converged is not None]
+    early = [row for row in told if row.converged is False]
+    if early:
+        text += f" {len(early)} of {len(told)} solves stopped before their tolerance; they are marked in the table of results."
+    elif told:
+        text += f" All {len(told)} solves reached their tolerance."
+    return Finding("How sure", text)
