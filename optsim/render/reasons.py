@@ -1,0 +1,174 @@
+"""The sentences of ``explain``: each effect judged from the scene's contents, with the number that decides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from optsim.cube import Bands
+from optsim.render.needs import TYPICAL_NM, Effect, Needs
+from scenes.lights import AreaLight, ConstantSky, DirectionalLight, PointLight
+from scenes.materials import Dielectric, Diffuse
+from scenes.scene import Scene
+from scenes.visibility import largest_albedo, used_materials
+
+TYPICAL_BANDS = 24
+TYPICAL_SAMPLES = 64
+"""Paths a pixel for which the noise of leaving out light sampling is stated."""
+
+
+def effects_of(needs: Needs) -> Iterator[Effect]:
+    """Yield the effects in the order of ``EFFECTS``."""
+    yield _interreflection(needs)
+    yield _emitter_sampling(needs.source)
+    yield _dispersion(needs)
+    yield _illuminant_factoring(needs)
+    yield _spectral_nodes(needs)
+    view = type(needs.source.viewpoint).__name__.lower()
+    yield Effect("lens_blur", False, f"the scene is seen through a pinhole ({view} view): all of it is sharp", 0.0)
+    yield _sky(needs)
+
+
+def _interreflection(needs: Needs) -> Effect:
+    name, rho = "interreflection", largest_albedo(needs.source)
+    if needs.seen is None:
+        why = "no reflecting surface can see another" if rho > 0 else "nothing reflects"
+        return Effect(name, False, f"{why} (every pair of faces tested): light reflected once is all there is, depth 2 is exact", 0.0)
+    a, b = needs.seen
+    how = f"{a!r} lets light through" if a == b and _is_glass(needs.source, a) else f"{a!r} and {b!r} face each other"
+    if a == b and not _is_glass(needs.source, a):
+        how = f"parts of {a!r} face each other"
+    size = needs.covered.returned
+    beyond = f"what lies beyond is below {rho**needs.max_depth:.1g}" if rho < 1 else "a surface gives back all light"
+    text = (
+        f"{how}; {needs.covered.mean:.0%} of the light that leaves a surface lands on another (by ray casting), "
+        f"{size:.1%} is given back; largest albedo {rho:.3g}: depth {needs.max_depth}, {beyond}"
+    )
+    return Effect(name, True, text, size)
+
+
+def _is_glass(scene: Scene, name: str) -> bool:
+    return any(shape.name == name and isinstance(scene.material_of(shape), Dielectric) for shape in scene.shapes)
+
+
+def _emitter_sampling(scene: Scene) -> Effect:
+    name = "emitter_sampling"
+    shining = [light for light in scene.lights if light.spectrum.maximum > 0]
+    if any(isinstance(light, DirectionalLight | PointLight) for light in shining):
+        return Effect(name, True, "a directional or point light is met by no ray that is not aimed at it", 1.0)
+    areas = [light for light in shining if isinstance(light, AreaLight)]
+    if areas:
+        share = min(_share_of_hemisphere(light, scene) for light in areas)
+        noise = float(np.sqrt((1 - share) / share / TYPICAL_SAMPLES))
+        text = (
+            f"an area light fills about {share:.2g} of the hemisphere: paths that meet it by chance have {noise:.3g} relative noise "
+            f"at {TYPICAL_SAMPLES} paths a pixel"
+        )
+        return Effect(name, True, text, noise)
+    if shining:
+        return Effect(name, False, "the only light is the sky, which every escaping ray meets", 0.0)
+    return Effect(name, False, "nothing shines", 0.0)
+
+
+def _share_of_hemisphere(light: AreaLight, scene: Scene) -> float:
+    """Return (area / distance^2) / pi seen from the middle of the shapes, at most 1/2."""
+    area = 4 * float(np.linalg.norm(np.cross(light.half_u, light.half_v)))
+    box = scene.bounds()
+    away = np.subtract(light.center, 0.0 if box is None else box.mean(0))
+    return min(0.5, area / (np.pi * max(float(away @ away), area)))
+
+
+def _dispersion(needs: Needs) -> Effect:
+    name = "dispersion"
+    glasses = [(key, m) for key, m in used_materials(needs.source).items() if isinstance(m, Dielectric)]
+    if not glasses:
+        return Effect(name, False, "there is no glass", 0.0)
+    spread = {key: np.ptp(m.index_at(TYPICAL_NM)) / (m.index - 1) for key, m in glasses if m.abbe is not None and m.index > 1}
+    if not needs.dispersive:
+        return Effect(name, False, "the glass has one index for all wavelengths (no Abbe number is given)", 0.0)
+    key = max(spread, key=lambda k: spread[k], default="")
+    size = float(spread.get(key, 0.0))
+    text = f"the glass {key!r} has an Abbe number: from {TYPICAL_NM[0]:g} to {TYPICAL_NM[1]:g} nm its deviation changes by {size:.1%}"
+    return Effect(name, True, text + "; wavelengths take paths of their own", size)
+
+
+def _band_edges(needs: Needs) -> np.ndarray:
+    return np.linspace(*needs.common_range_nm, TYPICAL_BANDS + 1)
+
+
+def _centre_error(spectra: list[Any], edges: np.ndarray) -> float:
+    """Return the largest relative error of reading a band's mean at its centre."""
+    worst = 0.0
+    for spectrum in spectra:
+        mean = spectrum.band_mean(edges[:-1], edges[1:])
+        centre = spectrum.at((edges[:-1] + edges[1:]) / 2)
+        good = mean > 0
+        worst = max(worst, float(np.max(np.abs(centre[good] / mean[good] - 1), initial=0.0)))
+    return worst
+
+
+def _illuminant_factoring(needs: Needs) -> Effect:
+    name, count = "illuminant_factoring", needs.illuminant_count
+    size = _centre_error([light.spectrum for light in needs.source.lights], _band_edges(needs))
+    at = f"{TYPICAL_BANDS} bands read at their centres would be off by up to {size:.2g}"
+    if count == 0:
+        return Effect(name, False, "nothing shines", 0.0)
+    if count == 1:
+        return Effect(
+            name,
+            True,
+            f"all lights share one spectral shape: transport is rendered for unit light and multiplied by it exactly; {at}",
+            size,
+        )
+    return Effect(
+        name,
+        True,
+        f"the lights have {count} spectral shapes: transport is rendered for each apart and multiplied by it exactly; {at}",
+        size,
+    )
+
+
+def _spectral_nodes(needs: Needs) -> Effect:
+    name = "spectral_nodes"
+    materials = [m for m in used_materials(needs.source).values() if isinstance(m, Diffuse)]
+    low, high = needs.common_range_nm
+    nodes = needs.nodes_nm(Bands.from_edges([low, high]))
+    size = _centre_error([m.reflectance for m in materials], _band_edges(needs))
+    what = f"transport is rendered at {nodes.size} wavelengths for {low:g} to {high:g} nm, whatever the number of bands"
+    if needs.reflects_once and needs.all_diffuse:
+        return Effect(
+            name,
+            True,
+            f"{what}: exact, as it is linear between the nodes of the reflectances; band centres alone would be off by up to {size:.2g}",
+            size,
+        )
+    bound = node_error_bound(needs.source, nodes, needs.covered.largest)
+    limit = f"less than {bound:.1g} of the brightest surface (diffuse light)" if bound < 1 else "an amount that has no useful bound here"
+    return Effect(name, True, f"{what}; between them it is read as linear, off by {limit}", size)
+
+
+def node_error_bound(scene: Scene, nodes_nm: np.ndarray, covered: float) -> float:
+    """Bound the error of reading transport as linear between nodes, relative to the brightest surface (theory.md R.12).
+
+    With step D and maximum rho of the diffuse reflectances over an interval and at most a share c of the light landing on surfaces:
+    D^2 c / (4 rho (1 - rho c)^3). Infinite when rho c reaches 1.
+    """
+    curves = [m.reflectance.at(nodes_nm) for m in used_materials(scene).values() if isinstance(m, Diffuse)]
+    if not curves:
+        return 0.0
+    table = np.array(curves)
+    step = np.abs(np.diff(table, axis=1)).max(0)
+    rho = np.maximum(table[:, 1:], table[:, :-1]).max(0)
+    left = 1 - rho * covered
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = np.where(rho > 0, step**2 * covered / (4 * rho * left**3), 0.0)
+    return float(np.max(np.where(left > 0, bound, np.where(step > 0, np.inf, 0.0)), initial=0.0))
+
+
+def _sky(needs: Needs) -> Effect:
+    skies = [light for light in needs.source.lights if isinstance(light, ConstantSky) and light.spectrum.maximum > 0]
+    if not skies:
+        return Effect("sky", False, "no light comes from outside: a ray that meets nothing is black", 0.0)
+    return Effect("sky", True, "a constant sky shines from all directions and is what a ray sees that meets nothing", 1.0)
