@@ -26,7 +26,7 @@ def render(child: Child) -> str:
     return "".join(render(c) for c in child)
 
 
-def tag(name: str, *children: Child, **attributes: str | None) -> Markup:
+def tag(name: str, /, *children: Child, **attributes: str | None) -> Markup:
     """Write an element; ``class_`` and ``data_x`` lose the underscore; attributes that are None are left out."""
     words = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{html.escape(str(value), quote=True)}"'

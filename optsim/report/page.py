@@ -1,0 +1,276 @@
+"""One HTML file that opens offline: the verdict first, then the claims, the pictures, every number, and where they came from."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Sequence
+from importlib import resources
+from typing import Any
+
+from optsim.report.chart import psnr_chart
+from optsim.report.claims import RULE, make_claims
+from optsim.report.data import Row, RunData
+from optsim.report.gallery import Gallery
+from optsim.report.html import Child, Markup, section, table, tag
+from optsim.report.select import db, main_recipe, ratio_text
+from optsim.report.style import Drawn
+from optsim.report.verdict import Finding, make_verdict
+from optsim.report.wording import recipe_text
+
+SECTIONS = (
+    ("findings", "What bears on it"),
+    ("claims", "The paper’s claims"),
+    ("paper-figures", "The paper’s figures, redrawn"),
+    ("more-figures", "Further figures"),
+    ("results", "Every result"),
+    ("model", "What was modelled"),
+    ("provenance", "Where this comes from"),
+)
+
+
+def render_page(run: RunData, drawn: Sequence[Drawn]) -> str:
+    """Write the report as one HTML text: pictures inside, no network, names of the run escaped."""
+    gallery = Gallery(run)
+    paper = [d for d in drawn if d.title.startswith("Fig. ")]
+    other = [d for d in drawn if not d.title.startswith("Fig. ")]
+    titles = dict(SECTIONS)
+    main = tag(
+        "main",
+        section("findings", titles["findings"], findings(run)),
+        section("claims", titles["claims"], claims(gallery)),
+        section("paper-figures", titles["paper-figures"], figures(paper)),
+        section("more-figures", titles["more-figures"], figures(other)),
+        section("results", titles["results"], results(run)),
+        section("model", titles["model"], modelled(run)),
+        section("provenance", titles["provenance"], provenance(run)),
+    )
+    head = tag(
+        "head",
+        tag("meta", charset="utf-8"),
+        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        tag(
+            "meta",
+            http_equiv="Content-Security-Policy",
+            content="default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'",
+        ),
+        tag("title", f"optsim: {', '.join(run.targets) or 'empty run'}"),
+        tag("style", Markup(asset("page.css"))),
+    )
+    extras = Markup(
+        '<div id="tip" role="status" hidden></div><dialog id="zoom" aria-label="Picture at full size"><img src="data:," alt=""></dialog>'
+    )
+    body = tag("body", lead(run), main, foot(run), extras, tag("script", Markup(asset("page.js"))))
+    return f"<!doctype html>\n{tag('html', head, body, lang='en')}\n"
+
+
+def asset(name: str) -> str:
+    """Return a text file of this package."""
+    return resources.files("optsim.report").joinpath(name).read_text("utf-8")
+
+
+def lead(run: RunData) -> Markup:
+    """Write the headline, its numbers and the chart."""
+    verdict = make_verdict(run)
+    sizes = {truth.radiance.shape for truth in run.truths.values()}
+    what = ", ".join(" × ".join(map(str, shape)) for shape in sorted(sizes))
+    kicker = f"optsim {run.summary.get('version', '')} · coded-aperture snapshot spectral imaging · {what}".rstrip(" ·")
+    links = tag("nav", [tag("a", title, href=f"#{ident}") for ident, title in SECTIONS], aria_label="Sections")
+    cards = [tag("li", tag("b", text.split(":")[0]), text.split(":", 1)[1].strip()) for text in verdict.readings]
+    return tag(
+        "header",
+        tag(
+            "div",
+            tag("p", kicker, class_="kicker"),
+            tag("h1", verdict.title),
+            tag("ul", cards, class_="readings") if cards else None,
+            tag("p", verdict.basis, class_="basis"),
+            tag("ul", [tag("li", note) for note in run.notes], class_="notes") if run.notes else None,
+            psnr_chart(run, main_recipe(run)),
+            links,
+        ),
+    )
+
+
+def findings(run: RunData) -> list[Child]:
+    """Write each finding with its small table."""
+    verdict = make_verdict(run)
+    if not verdict.findings:
+        return [missing("Nothing was reconstructed.")]
+    return [finding(f) for f in verdict.findings]
+
+
+def finding(f: Finding) -> list[Child]:
+    """Write one finding."""
+    return [tag("h3", f.label), tag("p", f.text), table(f.header, f.rows, caption=None) if f.rows else None]
+
+
+def claims(gallery: Gallery) -> list[Child]:
+    """Write the table of the paper's claims."""
+    rows = [(c.claim, c.reading or "–", c.found, tag("span", c.verdict, class_=f"verdict {c.standing}")) for c in make_claims(gallery)]
+    recipe = f" All numbers: {recipe_text(gallery.recipe)}." if gallery.recipe else ""
+    intro = tag("p", "Rueda, Lau and Arce, “Multi-spectral compressive snapshot imaging using RGB image sensors”, Optics Express, 2015.")
+    return [
+        intro,
+        table(("the paper says", "mono read as", "this run", "verdict"), rows, class_="wide claims", numeric_from=9),
+        tag("p", RULE + recipe),
+    ]
+
+
+def figures(drawn: Sequence[Drawn]) -> list[Child]:
+    """Write figures with their captions."""
+    if not drawn:
+        return [missing("No figure of this kind could be drawn from what was run.")]
+    return [figure(d) for d in drawn]
+
+
+def figure(d: Drawn) -> Markup:
+    """Write one figure with its picture inside the page."""
+    source = "data:image/png;base64," + base64.b64encode(d.png.read_bytes()).decode("ascii")
+    image = tag("img", src=source, alt=d.alt, loading="lazy", tabindex="0", title="open at full size")
+    return tag("figure", image, tag("figcaption", tag("b", d.title + ". "), d.caption), id=d.name)
+
+
+COLUMNS = (
+    "target", "sensor", "masks", "R", "shots", "data", "operator", "solver", "tau rule", "tau",
+    "PSNR, dB", "SSIM", "angle, °", "s", "iterations", "stopped because", "seed",
+)  # fmt: skip
+
+
+def results(run: RunData) -> list[Child]:
+    """Write every row; the peak of the PSNR stands in the header."""
+    if not run.rows:
+        return [missing("No row was written.")]
+    peaks = "; ".join(f"{name} {truth.peak:.6g}" for name, truth in run.truths.items())
+    caption = (
+        "PSNR is the mean over bands of the band PSNR; its peak is the maximum of the true cube"
+        + (f" ({peaks} W m⁻² sr⁻¹ nm⁻¹). " if peaks else ". ")
+        + "Angle: mean spectral angle over pixels. "
+        "tau is absolute, in Eq. 4 without a factor 1/2. Tinted rows stopped before their tolerance."
+    )
+    head = tag("tr", [tag("th", name, scope="col", class_="n" if name in NUMERIC else None) for name in COLUMNS])
+    body = [
+        tag("tr", [cell(name, value) for name, value in zip(COLUMNS, row_cells(row))], class_="early" if row.converged is False else None)
+        for row in run.rows
+    ]
+    inner = tag("table", tag("caption", caption), tag("thead", head), tag("tbody", body), id="all", class_="wide results sortable")
+    search = tag(
+        "p",
+        tag("input", type="search", placeholder="filter: foveon 1/8 gpsr", data_filter="all", aria_label="Filter the rows"),
+        class_="filter",
+    )
+    return [search, tag("div", inner, class_="scroll", tabindex="0", role="region", aria_label="Every result")]
+
+
+NUMERIC = {"R", "shots", "tau", "PSNR, dB", "SSIM", "angle, °", "s", "iterations", "seed"}
+
+
+def row_cells(row: Row) -> list[tuple[str, object]]:
+    """Return (text, stored value) of each column of a row."""
+
+    def number(value: float | None, digits: str, absent: str = "–") -> tuple[str, object]:
+        return (format(value, digits), value) if value is not None else (absent, "")
+
+    return [
+        (row.target, None), (row.sensor, None), (row.masks, None), (ratio_text(row.R), row.R), (str(row.shots), row.shots),
+        (row.model, None), (row.operator, None), (row.solver, None), (row.tau_rule or "–", None), number(row.tau, ".3g"),
+        number(row.psnr_db, ".2f", "exact"), number(row.ssim, ".3f"), number(row.sam_deg, ".2f"), number(row.seconds, ".1f"),
+        number(row.iterations, "d"), (row.stop, None), (str(row.seed), row.seed),
+    ]  # fmt: skip
+
+
+def cell(name: str, value: tuple[str, object]) -> Markup:
+    """Write one cell; numbers keep their stored value for sorting and checking."""
+    text, stored = value
+    kind = "n" if name in NUMERIC else "stop" if name == "stopped because" else None
+    return tag("td", text, class_=kind, data_v=None if stored is None else repr(stored) if stored != "" else "")
+
+
+def modelled(run: RunData) -> list[Child]:
+    """Write which effects were on, and which light never reached a pixel."""
+    parts: list[Child] = []
+    for target, report in run.explain.items():
+        rows = [
+            (
+                str(e.get("name", "")),
+                tag("span", "on" if e.get("on") else "off", class_="on" if e.get("on") else "off"),
+                str(e.get("reason", "")),
+                plain(e.get("error_without")),
+            )
+            for e in report.get("effects", ())
+        ]
+        parts += [
+            tag("h3", f"Effects in {target}"),
+            table(("effect", "", "because", "error without it"), rows, class_="wide", numeric_from=3),
+        ]
+    if not run.explain:
+        parts.append(missing("The scenes’ effects were not recorded."))
+    parts.append(tag("h3", "Light that never reaches a pixel"))
+    if run.lost_light:
+        lost = [(name, f"{100 * value:.3g} %") for name, value in run.lost_light.items()]
+        parts.append(table(("where it goes", "of the light at the mirrors"), lost))
+    else:
+        parts.append(missing("Not recorded: only physical data lose light."))
+    parts.append(tag("h3", "Why the solvers stopped"))
+    stops: dict[tuple[str, str], int] = {}
+    for row in run.rows:
+        key = ({True: "converged", False: "stopped early", None: "not said"}[row.converged], row.stop)
+        stops[key] = stops.get(key, 0) + 1
+    parts.append(
+        table(("solves", "", "reason"), [(str(n), how, why) for (how, why), n in sorted(stops.items())], numeric_from=9)
+        if stops
+        else missing("No solves.")
+    )
+    return parts
+
+
+def plain(value: Any) -> str:
+    """Write a JSON value on one line."""
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
+
+
+def pairs(values: dict[str, Any]) -> Child:
+    """Write nested settings as a definition list with dotted names."""
+    flat: list[tuple[str, str]] = []
+
+    def walk(prefix: str, value: Any) -> None:
+        if isinstance(value, dict) and value:
+            for key, inner in value.items():
+                walk(f"{prefix}.{key}" if prefix else str(key), inner)
+        else:
+            flat.append((prefix, plain(value)))
+
+    walk("", values)
+    return tag("dl", [[tag("dt", name), tag("dd", text)] for name, text in flat]) if flat else missing("Not recorded.")
+
+
+def provenance(run: RunData) -> list[Child]:
+    """Write how to make this page again, and on what it was made."""
+    parts: list[Child] = [tag("h3", "To run this again"), tag("pre", tag("code", run.command))]
+    parts += [tag("h3", "Configuration"), pairs(dict(run.summary.get("config") or {}))]
+    parts += [tag("h3", "Machine and versions"), pairs({"optsim": run.summary.get("version"), **dict(run.summary.get("machine") or {})})]
+    parts.append(tag("h3", "Time"))
+    if run.timings:
+        rows = [(name, f"{seconds:.1f} s") for name, seconds in run.timings.items()]
+        parts.append(table(("stage", "wall time"), [*rows, ("sum", f"{sum(run.timings.values()):.1f} s")]))
+    else:
+        parts.append(missing("Not recorded."))
+    return parts
+
+
+def missing(text: str) -> Markup:
+    """Write a sentence about what is not there."""
+    return tag("p", text, class_="missing")
+
+
+def foot(run: RunData) -> Markup:
+    """Write the last lines."""
+    ties = f"Gaps under {db(0.05)} are called ties."
+    return tag(
+        "footer",
+        tag("div", f"Numbers on this page were computed from {len(run.rows)} rows of summary.json and the cubes beside it. {ties}"),
+    )
