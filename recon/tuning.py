@@ -1,0 +1,302 @@
+"""Choosing tau: as a fraction of tau_max, or without ground truth from detector pixels held out (theory.md S.G)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol, cast
+
+import numpy as np
+from pydantic import Field, SerializeAsAny, field_validator
+
+from recon import threads as pool
+from recon.basis import Basis, Kronecker
+from recon.config import Config
+from recon.errors import InputError
+from recon.gpsr import Gpsr
+from recon.operator import LinearOperator, RowWeighted
+from recon.problem import Problem, Solver, prepare
+from recon.solution import Solution
+from recon.solve import reconstruct
+
+OnPoint = Callable[[int, Solution], None]
+"""Called with the number of the finished point of a path, from 0, and its solution; what it raises ends the path."""
+
+
+@dataclass(frozen=True)
+class TauChoice:
+    """The tau that a rule chose, and why.
+
+    Args:
+        tau: absolute weight of the l1 norm.
+        fraction: tau / tau_max.
+        reason: one sentence.
+        at_edge: the choice is an end of its grid, so a better value may lie outside.
+        errors: held-out error of each value tried, ``||g - H f||^2 / ||g||^2`` over the held-out pixels; empty without a grid.
+        iterations: made to find it.
+        start: (M, N, K) the held-out estimate at this tau, a first guess for the final solve; None without a grid.
+    """
+
+    tau: float
+    fraction: float
+    reason: str
+    at_edge: bool = False
+    errors: tuple[float, ...] = ()
+    iterations: int = 0
+    start: np.ndarray | None = None
+
+
+class TauRule(Protocol):
+    """A way to find an absolute tau for one operator and its frames without ground truth."""
+
+    def choose(self, operator: LinearOperator, frames: np.ndarray, *, basis: Basis | None = None, threads: int | None = None) -> TauChoice:
+        """Return the tau for these frames."""
+        ...
+
+
+class TauFraction(Config):
+    """Take tau as a fraction of tau_max, the least tau whose answer is zero (theory.md (S.9)).
+
+    Args:
+        fraction: tau / tau_max, at least 0; from 1 on the answer is zero.
+    """
+
+    fraction: float = Field(ge=0)
+
+    def choose(self, operator: LinearOperator, frames: np.ndarray, *, basis: Basis | None = None, threads: int | None = None) -> TauChoice:
+        """Return ``fraction * tau_max`` for these frames."""
+        tau = self.fraction * tau_max(operator, frames, basis=basis, threads=threads)
+        return TauChoice(tau, self.fraction, f"tau is {self.fraction:g} of tau_max, as asked")
+
+
+class TauPath(Config):
+    """Solve Eq. 4 for falling values of tau, each from the solution before.
+
+    The start is what keeps a small tau honest: from zero, the same number of iterations leaves it far from its minimum, and
+    the comparison of values of tau then measures the solver.
+
+    Args:
+        fractions: strictly falling values of tau / tau_max, each above 0 and below 1, 1 to 64 of them.
+        solver: configuration of the solves (``Gpsr``, ``Admm``, ``Fista``); its own tau is ignored.
+    """
+
+    fractions: tuple[float, ...] = Field(default=(1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5), min_length=1, max_length=64)
+    solver: SerializeAsAny[Config] = Gpsr(tau=0, max_iterations=100, tolerance=1e-4)
+
+    @field_validator("fractions")
+    @classmethod
+    def _falling(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        if not all(0 < v < 1 for v in values) or any(b >= a for a, b in pairwise(values)):
+            raise InputError("TauPath.fractions", values, "strictly falling, each above 0 and below 1 (of tau_max)")
+        return values
+
+    @field_validator("solver")
+    @classmethod
+    def _has_tau(cls, solver: Config) -> Config:
+        if "tau" not in type(solver).model_fields:
+            raise InputError("TauPath.solver", type(solver).__name__, "a solver of Eq. 4 with a tau: Gpsr, Admm or Fista")
+        return solver
+
+    def follow(
+        self,
+        operator: LinearOperator,
+        frames: np.ndarray,
+        *,
+        basis: Basis | None = None,
+        threads: int | None = None,
+        largest: float | None = None,
+        starts: tuple[np.ndarray, ...] = (),
+        on_point: OnPoint | None = None,
+    ) -> tuple[Solution, ...]:
+        """Solve along the path; one solution for each fraction.
+
+        Args:
+            operator: H.
+            frames: (L, C, M, W) measurements.
+            basis: Psi; None: ``Kronecker.for_shape`` of the cube.
+            threads: threads of the kernels; None: all cores.
+            largest: tau_max that the fractions refer to; None: that of these frames.
+            starts: first guesses (M, N, K), one a point; empty: each point starts from the one before.
+            on_point: called after every point.
+
+        Raises:
+            InputError: see :func:`recon.reconstruct`; ``starts`` when there are not as many as fractions.
+        """
+        if starts and len(starts) != len(self.fractions):
+            raise InputError("starts", len(starts), f"as many first guesses as fractions, {len(self.fractions)}")
+        if largest is None:
+            largest = tau_max(operator, frames, basis=basis, threads=threads)
+        found: list[Solution] = []
+        for i, fraction in enumerate(self.fractions):
+            start = starts[i] if starts else (found[-1].cube if found else None)
+            solver = self.solver.model_copy(update={"tau": fraction * largest})
+            found.append(reconstruct(operator, frames, basis=basis, solver=cast(Solver, solver), start=start, threads=threads))
+            if on_point is not None:
+                on_point(i, found[-1])
+        return tuple(found)
+
+
+class AutoTau(Config):
+    """Find tau by detector pixels that the solve does not see (theory.md S.G).
+
+    A share of the detector's pixels, drawn at random, is left out with all its shots and channels; the value whose
+    estimate predicts them best is taken. Nothing about the scene enters.
+
+    Args:
+        path: values of tau to try and the solver to try them with.
+        share: part of the pixels held out, above 0 and at most 0.5.
+        seed: of the draw, 0 to 2^64 - 1.
+    """
+
+    path: TauPath = TauPath()
+    share: float = Field(default=0.05, gt=0, le=0.5)
+    seed: int = Field(default=0, ge=0, lt=2**64)
+
+    def choose(self, operator: LinearOperator, frames: np.ndarray, *, basis: Basis | None = None, threads: int | None = None) -> TauChoice:
+        """Return the tau that predicts the held-out pixels best.
+
+        Raises:
+            InputError: see :func:`recon.reconstruct`.
+        """
+        return self.try_all(operator, frames, basis=basis, threads=threads)[0]
+
+    def try_all(
+        self,
+        operator: LinearOperator,
+        frames: np.ndarray,
+        *,
+        basis: Basis | None = None,
+        threads: int | None = None,
+        on_point: OnPoint | None = None,
+    ) -> tuple[TauChoice, tuple[np.ndarray, ...]]:
+        """Return the choice and the held-out estimates (M, N, K) along the path, first guesses for a path on all data."""
+        psi = Kronecker.for_shape(operator.in_shape) if basis is None else basis
+        problem = prepare(operator, frames, psi)
+        if problem is None:
+            return TauChoice(0.0, 0.0, "the frames are zero everywhere, so tau does not matter"), ()
+        held = self.held_out(operator.out_shape)
+        kept = (~held).astype(problem.frames.dtype)
+        with pool.use(threads):
+            largest = problem.tau_max()
+        seen = RowWeighted(problem.operator, kept)
+        solutions = self.path.follow(seen, problem.frames * kept, basis=psi, threads=threads, largest=largest, on_point=on_point)
+        with pool.use(threads):
+            squares = np.array([_held_squares(problem, s.cube, held) for s in solutions])
+        energy = float((problem.frames[..., held].astype(np.float64) ** 2).sum())
+        best = int(squares.argmin())
+        errors = tuple(float(e) for e in squares / energy) if energy > 0 else (0.0,) * len(squares)
+        starts = tuple(np.asarray(s.cube * s.cube.dtype.type(problem.unit)) for s in solutions)
+        edge = best in (0, len(solutions) - 1)
+        fraction = self.path.fractions[best]
+        choice = TauChoice(
+            tau=problem.outer_tau(fraction * largest),
+            fraction=fraction,
+            reason=_reason(fraction, errors, best, int(held.sum())),
+            at_edge=edge,
+            errors=errors,
+            iterations=sum(s.iterations for s in solutions),
+            start=starts[best],
+        )
+        return choice, starts
+
+    def held_out(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Draw the held-out pixels: (M, W) bool, at least one and never all, for frames of ``shape`` (L, C, M, W)."""
+        rows, width = shape[-2:]
+        pixels = rows * width
+        if pixels < 2:
+            raise InputError("frames", tuple(shape), "of at least 2 detector pixels, so that one can be held out")
+        count = min(max(1, round(self.share * pixels)), pixels - 1)
+        held = np.zeros(pixels, bool)
+        held[np.random.Generator(np.random.Philox(self.seed)).choice(pixels, count, replace=False)] = True
+        return held.reshape(rows, width)
+
+
+@dataclass(frozen=True)
+class TauReport:
+    """One path of tau on all data: the value found without ground truth and the value that the truth prefers.
+
+    Args:
+        solutions: of the path, tau falling.
+        fractions: tau / tau_max of each.
+        choice: the automatic choice.
+        automatic: its place on the path.
+        scores: what ``score`` said of each cube (higher is better); empty without a score.
+    """
+
+    solutions: tuple[Solution, ...]
+    fractions: tuple[float, ...]
+    choice: TauChoice
+    automatic: int
+    scores: tuple[float, ...] = ()
+
+    @property
+    def oracle(self) -> int | None:
+        """Return the place of the best score; None without scores."""
+        return int(np.argmax(self.scores)) if self.scores else None
+
+    @property
+    def oracle_at_edge(self) -> bool:
+        """Tell whether the best score lies at an end of the grid, so that a better value may lie outside."""
+        return self.oracle in (0, len(self.solutions) - 1)
+
+
+def tune(
+    operator: LinearOperator,
+    frames: np.ndarray,
+    *,
+    auto: AutoTau | None = None,
+    refine: Config | None = None,
+    score: Callable[[np.ndarray], float] | None = None,
+    basis: Basis | None = None,
+    threads: int | None = None,
+    on_point: OnPoint | None = None,
+) -> TauReport:
+    """Follow one path with pixels held out and one on all data that starts from it, and report both choices of tau.
+
+    Args:
+        operator: H.
+        frames: (L, C, M, W) measurements, not all zero.
+        auto: the automatic rule and the path's values; None: ``AutoTau()``.
+        refine: solver of the path on all data, which starts next to its answers; None: the path's own.
+        score: figure of merit of a cube against the truth, higher is better; for the oracle only.
+        basis: Psi; None: ``Kronecker.for_shape`` of the cube.
+        threads: threads of the kernels; None: all cores.
+        on_point: called after every point of both paths, numbered through.
+
+    Raises:
+        InputError: see :func:`recon.reconstruct`; ``frames`` when they are zero everywhere.
+    """
+    rule = AutoTau() if auto is None else auto
+    count = len(rule.path.fractions)
+    choice, starts = rule.try_all(operator, frames, basis=basis, threads=threads, on_point=on_point)
+    if not starts:
+        raise InputError("frames", 0.0, "different from zero somewhere: without light there is no tau to choose")
+    path = rule.path if refine is None else rule.path.model_copy(update={"solver": refine})
+    later = None if on_point is None else (lambda i, solution: on_point(count + i, solution))
+    solutions = path.follow(operator, frames, basis=basis, threads=threads, starts=starts, on_point=later)
+    scores = () if score is None else tuple(float(score(s.cube)) for s in solutions)
+    return TauReport(solutions, path.fractions, choice, rule.path.fractions.index(choice.fraction), scores)
+
+
+def tau_max(operator: LinearOperator, frames: np.ndarray, *, basis: Basis | None = None, threads: int | None = None) -> float:
+    """Return the least tau whose answer is zero, ``2 max |Psi^T H^T g|`` (theory.md (S.9)); 0 for dark frames."""
+    problem = prepare(operator, frames, Kronecker.for_shape(operator.in_shape) if basis is None else basis)
+    if problem is None:
+        return 0.0
+    with pool.use(threads):
+        return problem.outer_tau(problem.tau_max())
+
+
+def _held_squares(problem: Problem, cube: np.ndarray, held: np.ndarray) -> float:
+    gap = (problem.frames - problem.operator.forward(cube))[..., held].astype(np.float64)
+    return float(np.vdot(gap, gap))
+
+
+def _reason(fraction: float, errors: tuple[float, ...], best: int, pixels: int) -> str:
+    said = f"tau = {fraction:g} of tau_max predicts {pixels} held-out detector pixels best (relative error {np.sqrt(errors[best]):.2e})"
+    if best == len(errors) - 1 and len(errors) > 1:
+        return said + "; smaller values may do better still: data without noise ask for tau -> 0, which is basis pursuit"
+    if best == 0 and len(errors) > 1:
+        return said + "; larger values may do better still"
+    return said
