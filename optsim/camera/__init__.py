@@ -8,10 +8,12 @@ from optsim.camera.band_model import BandModel, OwnShifts, UnitShift, matched_mo
 from optsim.camera.camera import CameraConfig
 from optsim.camera.center_table import CenterTable
 from optsim.camera.dmd import Distinct, Repeated, masks_for
+from optsim.camera.fine import Interpolate
 from optsim.camera.frames import band_model_of, check_frames, signal_of, with_unit_shifts
 from optsim.camera.glass import Glass, glass, glass_names
 from optsim.camera.measure import measure_matched
 from optsim.camera.noise import Noise
+from optsim.camera.photograph import Exposure, photograph
 from optsim.camera.prism import DoubleAmici
 from optsim.camera.prism_report import plot_prism, prism_report
 from optsim.camera.relay import Relay
@@ -25,8 +27,10 @@ __all__ = [
     "CenterTable",
     "Distinct",
     "DoubleAmici",
+    "Exposure",
     "Foveon",
     "Glass",
+    "Interpolate",
     "Mono",
     "Noise",
     "OwnShifts",
@@ -41,6 +45,7 @@ __all__ = [
     "masks_for",
     "matched_model",
     "measure_matched",
+    "photograph",
     "physical_model",
     "plot_prism",
     "prism_report",

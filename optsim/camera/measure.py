@@ -17,21 +17,35 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def measure_matched(cube: xr.Dataset, sensor: Sensor, masks: np.ndarray, *, masks_name: str = "distinct", seed: int = 0) -> xr.Dataset:
-    """Apply the paper's discrete model to a band cube: g = H f, noise-free, in units relative to the cube's.
+def measure_matched(
+    cube: xr.Dataset,
+    sensor: Sensor,
+    masks: np.ndarray,
+    *,
+    masks_name: str = "distinct",
+    seed: int = 0,
+    noise: Noise | None = None,
+    full_well_e: float = 20_000.0,
+    fill: float = 0.9,
+) -> xr.Dataset:
+    """Apply the paper's discrete model to a band cube: g = H f.
 
     Args:
         cube: (M, N, K) radiance, K bands.
         sensor: one of the three.
         masks: (L, M, N) of 0 and 1.
         masks_name: distinct or repeated, a note in the file.
-        seed: the seed the masks were drawn from, a note in the file.
+        seed: of the noise, and a note of the masks' seed.
+        noise: None gives noise-free frames in units relative to the cube's; else the brightest pixel is set to
+            ``fill`` of the full well and frames are digital numbers.
+        full_well_e: with noise, in (0, 1e12] electrons.
+        fill: with noise, in (0, 1].
 
     Returns:
         Frames of shape (L, C, M, N + K - 1), float64.
 
     Raises:
-        InputError: ``masks``, ``radiance`` or ``sensor.curve``.
+        InputError: ``masks``, ``radiance``, ``sensor.curve``, ``fill`` or as :func:`optsim.camera.noise.expose`.
     """
     check_cube(cube)
     radiance = cube["radiance"].values
@@ -43,6 +57,13 @@ def measure_matched(cube: xr.Dataset, sensor: Sensor, masks: np.ndarray, *, mask
     else:  # H = 0 is refused as an operator, but closed mirrors are a valid measurement
         values = np.zeros((model.masks.shape[0], sensor.channels, radiance.shape[0], model.width))
     attrs = {"units": "relative", "model": "matched", "masks": masks_name, "seed": seed, "operator": "unit", "versions": versions()}
+    if noise is not None:
+        if not 0 < fill <= 1:
+            raise InputError("fill", fill, "in (0, 1]")
+        brightest = float(values.max())
+        scale = fill * full_well_e / brightest if brightest > 0 else 1.0
+        values, model, read = add_noise(values * scale, model.scaled(scale), noise, full_well_e=full_well_e, exposure_s=0.0, seed=seed)
+        attrs |= {"units": "DN", "full_well": full_well_e, **read}
     return make_frames(values, model, attrs)
 
 
