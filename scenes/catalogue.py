@@ -7,7 +7,9 @@ from typing import Protocol
 from scenes.checker_bars import CheckerBars
 from scenes.color_checker import ColorChecker
 from scenes.errors import InputError
+from scenes.glass import Glass
 from scenes.model import did_you_mean
+from scenes.relief import Relief
 from scenes.scene import Scene
 
 
@@ -24,7 +26,7 @@ class SceneRecipe(Protocol):
         ...
 
 
-SCENES: tuple[SceneRecipe, ...] = (ColorChecker(), CheckerBars())
+SCENES: tuple[SceneRecipe, ...] = (ColorChecker(), CheckerBars(), Relief(), Glass())
 
 
 def scene_by_name(name: str) -> SceneRecipe:

@@ -158,4 +158,4 @@ def explain(scene: Scene, error: float = 0.01) -> Needs:
     if not (np.isfinite(error) and 0 < error < 1):
         raise InputError("error", error, "in (0, 1), relative")
     seen = first_pair_that_sees_each_other(scene)
-    return Needs(scene, float(error), seen, Coverage(0.0, 0.0, 0.0) if seen is None else coverage(scene))
+    return Needs(scene, float(error), seen, Coverage(0.0, 0.0) if seen is None else coverage(scene))

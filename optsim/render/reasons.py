@@ -144,16 +144,16 @@ def _spectral_nodes(needs: Needs) -> Effect:
             f"{what}: exact, as it is linear between the nodes of the reflectances; band centres alone would be off by up to {size:.2g}",
             size,
         )
-    bound = node_error_bound(needs.source, nodes, needs.covered.largest)
-    limit = f"less than {bound:.1g} of the brightest surface (diffuse light)" if bound < 1 else "an amount that has no useful bound here"
+    size_between = node_error(needs.source, nodes, needs.covered.mean)
+    limit = f"about {size_between:.1g} of the brightest surface" if size_between < 1 else "an amount that has no useful estimate here"
     return Effect(name, True, f"{what}; between them it is read as linear, off by {limit}", size)
 
 
-def node_error_bound(scene: Scene, nodes_nm: np.ndarray, covered: float) -> float:
-    """Bound the error of reading transport as linear between nodes, relative to the brightest surface (theory.md R.12).
+def node_error(scene: Scene, nodes_nm: np.ndarray, covered: float) -> float:
+    """Estimate the error of reading transport as linear between nodes, relative to the brightest surface (theory.md R.12).
 
-    With step D and maximum rho of the diffuse reflectances over an interval and at most a share c of the light landing on surfaces:
-    D^2 c / (4 rho (1 - rho c)^3). Infinite when rho c reaches 1.
+    With step D and maximum rho of the diffuse reflectances over an interval, and a share c of the light that leaves surfaces landing on
+    surfaces: D^2 c / (4 rho (1 - rho c)^3), a bound where c holds for every point. Infinite when rho c reaches 1.
     """
     curves = [m.reflectance.at(nodes_nm) for m in used_materials(scene).values() if isinstance(m, Diffuse)]
     if not curves:
