@@ -74,10 +74,24 @@ def use_llvm() -> LlvmReport:
     """
     global _chosen
     if _chosen is None:
-        _chosen = choose()
-        if _chosen.path is not None:
+        _chosen = _already_loaded() or choose()
+        if _chosen.path is not None and os.path.exists(_chosen.path):
             os.environ[VARIABLE] = _chosen.path
     return _chosen
+
+
+def _already_loaded() -> LlvmReport | None:
+    """Report on the libLLVM that Dr.Jit bound itself to if someone imported it first; None if nobody did."""
+    drjit = sys.modules.get("drjit")
+    if drjit is None:
+        return None
+    numbers = drjit.detail.llvm_version()
+    version = ".".join(map(str, numbers))
+    path = os.environ.get(VARIABLE)
+    if numbers[0] >= MIN_MAJOR:
+        return LlvmReport(path or "found by Dr.Jit itself", version, "loaded by Dr.Jit before optsim could choose; its version is checked")
+    reason = f"Dr.Jit was imported before optsim and loaded LLVM {version}, {MIN_MAJOR} or newer is needed: import optsim.render first"
+    return LlvmReport(None, None, f"no libLLVM of version {MIN_MAJOR} or newer", (Refusal(path or "found by Dr.Jit itself", reason),))
 
 
 def choose(always_prove: bool = False) -> LlvmReport:

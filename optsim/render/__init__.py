@@ -1,7 +1,8 @@
 """Scene + Bands -> radiance cube. The only package that imports Mitsuba, and only when a render starts."""
 
 from optsim.render.backend import doctor
-from optsim.render.passes import render
+from optsim.render.needs import Effect, Needs, explain
+from optsim.render.picture import render, render_with_film
 from optsim.render.settings import RenderSettings
 
-__all__ = ["RenderSettings", "doctor", "render"]
+__all__ = ["Effect", "Needs", "RenderSettings", "doctor", "explain", "render", "render_with_film"]

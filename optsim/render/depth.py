@@ -4,32 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from scenes.materials import Diffuse
 from scenes.scene import Scene
 
 MAX_DEPTH = 1024
-DEEP = 1e-3
-COPLANAR = 1e-3
-"""Shapes within a slab this thin, relative to their extent, cannot light each other noticeably."""
-
-
-def reflects_once(scene: Scene) -> bool:
-    """Tell whether light is reflected at most once: every shape is diffuse and flat, and all lie in one plane."""
-    if not scene.shapes:
-        return True
-    if not all(isinstance(scene.material_of(shape), Diffuse) for shape in scene.shapes):
-        return False
-    faces = [shape.polygons() for shape in scene.shapes]
-    if any(face is None for face in faces):
-        return False
-    points = np.concatenate([np.concatenate(face) for face in faces if face is not None])
-    middle = points - points.mean(0)
-    thickness = (
-        np.linalg.svd(middle, full_matrices=False)[1] if len(points) < 4000 else np.sqrt(np.linalg.eigvalsh(middle.T @ middle))[::-1]
-    )
-    return bool(thickness[-1] <= COPLANAR * thickness[0])
 
 
 def depth_for(scene: Scene, once: bool, tolerance: float) -> int:

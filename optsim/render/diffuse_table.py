@@ -5,16 +5,29 @@ No BSDF and no texture is ever called: a [material, node] table replaces them, a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
+from optsim.render.engine import dr, mi
 from optsim.render.translate import material_number, shape_handle
 
 ROULETTE_FROM = 4
 """Number of reflections after which paths are ended at random."""
+
+
+@dataclass(frozen=True)
+class LightSearch:
+    """Say how paths find light (theory.md R.26).
+
+    Args:
+        sample: aim a ray at a light from each surface: without it a lamp is found by chance only; the sky needs no aiming.
+        hit: count light that a scattered ray meets, weighted against aimed rays if there are any; pays where lights look large.
+    """
+
+    sample: bool
+    hit: bool
 
 
 class DiffuseTable:
@@ -25,15 +38,14 @@ class DiffuseTable:
         reflectance: (materials, n) reflectance at the nodes, within [0, 1].
         max_reflectance: (materials,) largest reflectance at any wavelength: ends paths independently of the nodes chosen.
         max_depth: emission plus at most max_depth - 1 reflections.
-        hit_lights: also count lights that a scattered ray happens to hit, weighted against light sampling (theory.md R.26);
-            else light sampling alone, cheaper where lights look small.
+        search: how light is looked for.
     """
 
-    def __init__(self, scene: Any, reflectance: np.ndarray, max_reflectance: np.ndarray, max_depth: int, hit_lights: bool) -> None:
+    def __init__(self, scene: Any, reflectance: np.ndarray, max_reflectance: np.ndarray, max_depth: int, search: LightSearch) -> None:
         self.scene = scene
         self.nodes = reflectance.shape[1]
         self.groups = (self.nodes + 3) // 4
-        self.hit_lights = hit_lights
+        self.search = search
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
         padded = np.zeros((len(reflectance) + 1, 4 * self.groups), np.float32)  # the last row is black: lights
         padded[:-1, : self.nodes] = reflectance
@@ -46,6 +58,9 @@ class DiffuseTable:
                 rows[handle] = number
         self.row_of = mi.UInt32(rows)
 
+    def prepare(self) -> None:
+        """Do nothing: every node sees the same geometry."""
+
     @dr.syntax
     def radiance(self, ray: Any, stream: Any, u: Any, v: Any) -> Any:
         """Trace one path per thread.
@@ -53,8 +68,8 @@ class DiffuseTable:
         Args:
             ray: camera rays.
             stream: PCG32.
-            u: first number of the light sample at the first hit.
-            v: second number of it.
+            u: first of two numbers for the first hit's light sample (or, if lights are not sampled, for its scattered ray).
+            v: second of them.
 
         Returns:
             transport as ``groups`` spectra of four nodes each, and the share of light cut off by max_depth.
@@ -78,13 +93,14 @@ class DiffuseTable:
             lit &= top > 0
             more = lit & ((depth + 1) < self.max_depth)
             first = depth == 0
-            point = mi.Point2f(dr.select(first, u, stream.next_float32()), dr.select(first, v, stream.next_float32()))
-            direct = self._direct(si, point, more)
+            even = mi.Point2f(dr.select(first, u, stream.next_float32()), dr.select(first, v, stream.next_float32()))
+            direct = self._direct(si, even, more)
             for g in range(self.groups):
                 light[g] = dr.fma(weight[g], glow, light[g])
                 weight[g] *= dr.gather(mi.Spectrum, self.table, row * self.groups + g, more)
                 light[g] = dr.fma(weight[g], direct, light[g])
-            local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(stream.next_float32(), stream.next_float32()))
+            turn = mi.Point2f(stream.next_float32(), stream.next_float32()) if self.search.sample else even
+            local = mi.warp.square_to_cosine_hemisphere(turn)
             ray = si.spawn_ray(si.to_world(local))
             before, density = si, local.z * dr.inv_pi
             depth += 1
@@ -93,7 +109,7 @@ class DiffuseTable:
             useful = self._useful(depth)
             cut = dr.select(more & ~useful, bound, cut)
             active = more & useful & (stream.next_float32() < survival)
-            share = dr.rcp(survival)
+            share: Any = mi.Float(1) / mi.Float(survival)
             bound *= share
             for g in range(self.groups):
                 weight[g] *= share
@@ -106,24 +122,28 @@ class DiffuseTable:
     def _glow(self, si: Any, before: Any, density: Any, depth: Any, active: Any) -> Any:
         """Return the light that the surface hit sends out itself, weighted against light sampling after the first ray."""
         own = si.emitter(self.scene).eval(si, active)[0]
-        if not self.hit_lights:
+        if not self.search.hit:
             return dr.select(depth == 0, own, 0)
+        if not self.search.sample:
+            return own
         sample = mi.DirectionSample3f(self.scene, si, before)
         by_light = self.scene.pdf_emitter_direction(before, sample, active & (depth > 0))
         return own * dr.select(depth == 0, 1, power_share(density, by_light))
 
     def _direct(self, si: Any, point: Any, active: Any) -> Any:
         """Return light from one sampled light, times cosine / pi; the reflectance is not in it."""
+        if not self.search.sample:
+            return mi.Float(0)
         sample, emission = self.scene.sample_emitter_direction(si, point, True, active)
         cosine = dr.dot(si.n, sample.d)
         ok = active & (sample.pdf != 0) & (cosine > 0)
         density = cosine * dr.inv_pi
-        share = dr.select(sample.delta, 1, power_share(sample.pdf, density)) if self.hit_lights else 1
+        share = dr.select(sample.delta, 1, power_share(sample.pdf, density)) if self.search.hit else 1
         return dr.select(ok, density * emission[0] * share, 0)
 
     def _useful(self, depth: Any) -> Any:
         """Tell whether a ray that has been reflected ``depth`` times can still bring light home."""
-        return (depth < self.max_depth) if self.hit_lights else ((depth + 1) < self.max_depth)
+        return (depth < self.max_depth) if self.search.hit else ((depth + 1) < self.max_depth)
 
 
 def power_share(a: Any, b: Any) -> Any:

@@ -8,6 +8,8 @@ from threadpoolctl import threadpool_limits
 from optsim.render.replicates import Replicates
 
 PIXELS_A_BLOCK = 2**16
+FLOAT32_LEVELS = (1e-25, 1e30)
+"""Mean radiances between these keep at least 12 decades below them in float32."""
 
 
 def relative_errors(groups: list[Replicates], weights: list[np.ndarray]) -> np.ndarray:
@@ -29,10 +31,15 @@ def relative_errors(groups: list[Replicates], weights: list[np.ndarray]) -> np.n
 
 
 def band_radiance(groups: list[Replicates], weights: list[np.ndarray], pixels: int) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return (pixels, K) float32 radiance and standard error (None with a single pass), theory.md R.24 and R.28."""
-    count = len(weights[0]) if weights else 0
-    radiance = np.zeros((pixels, count), np.float32)
-    stderr = np.zeros((pixels, count), np.float32) if all(group.count > 1 for group in groups) else None
+    """Return (pixels, K) radiance and standard error (None with a single pass), theory.md R.24 and R.28.
+
+    They are float32, or float64 when the picture is so dim or so bright that float32 would lose it.
+    """
+    count = len(weights[0])
+    level = max(float(np.max(weight @ group.mean.mean(1))) for group, weight in zip(groups, weights))
+    dtype = np.float32 if level == 0 or FLOAT32_LEVELS[0] < level < FLOAT32_LEVELS[1] else np.float64
+    radiance = np.zeros((pixels, count), dtype)
+    stderr = np.zeros((pixels, count), dtype) if all(group.count > 1 for group in groups) else None
     with threadpool_limits(1):  # one BLAS thread: the same bytes whatever the number of cores
         for start in range(0, pixels, PIXELS_A_BLOCK):
             block = slice(start, start + PIXELS_A_BLOCK)

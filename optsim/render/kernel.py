@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
+from optsim.render.engine import dr, mi
 from optsim.render.frame import CameraRays
 from optsim.render.sampling import PathSampler, seed_words
 
@@ -26,6 +25,10 @@ class Integrator(Protocol):
 
     nodes: int
     groups: int
+
+    def prepare(self) -> None:
+        """Make the scene ready for this integrator's nodes."""
+        ...
 
     def radiance(self, ray: Any, stream: Any, u: Any, v: Any) -> Any:
         """Return transport as ``groups`` spectra of four nodes and the share of light cut off."""
@@ -50,6 +53,7 @@ def trace(integrator: Integrator, rays: CameraRays, size: tuple[int, int], sampl
     cut = 0.0
     rows = max(1, min(height, VALUES_A_TILE // (width * integrator.nodes)))
     shift = seed_words(*key, 0)
+    integrator.prepare()
     with dr.suspend_grad():
         for top in range(0, height, rows):
             pixels = slice(top * width, min(top + rows, height) * width)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
+
+from optsim.render.engine import dr, mi
 
 DIMENSIONS = 4
 
@@ -54,7 +54,7 @@ class PathSampler:
 def _stream(pixel: Any, words: tuple[int, int]) -> Any:
     a: Any = dr.opaque(mi.UInt32, words[0])
     b: Any = dr.opaque(mi.UInt32, words[1])
-    wide: Any = mi.UInt64
-    mix: Any = mi.sample_tea_32
-    low, high = mix(pixel, a)
-    return mi.PCG32(initstate=wide(low) | (wide(high) << 32), initseq=(wide(b) << 32) | wide(pixel))
+    engine: Any = mi
+    wide = engine.UInt64
+    low, high = engine.sample_tea_32(pixel, a)
+    return engine.PCG32(initstate=wide(low) | (wide(high) << 32), initseq=(wide(b) << 32) | wide(pixel))

@@ -73,6 +73,11 @@ class RenderSettings(BaseModel):
             return None
         return DEFAULT_ERROR if self.error is None else self.error
 
+    @property
+    def tolerance(self) -> float:
+        """Return the relative error that decides which effects matter: the goal, never coarser than 0.1."""
+        return min(self.target or DEFAULT_ERROR, 0.1)
+
 
 def film_size(size: tuple[int, int], oversample: int) -> tuple[int, int]:
     """Return the picture's (height, width) in samples from the size in mirrors.

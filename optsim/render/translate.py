@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from optsim.errors import InputError
+from optsim.render.engine import dr, mi
 from optsim.render.frame import Frame
 from scenes.lights import AreaLight, ConstantSky, DirectionalLight, Light, PointLight
 from scenes.materials import Conductor, Dielectric, Diffuse, Material, RoughPlastic

@@ -7,18 +7,21 @@ from typing import Any
 import numpy as np
 
 from optsim.cube import Bands
-from optsim.errors import InputError
-from optsim.render.depth import depth_for, reflects_once
+from optsim.render.diffuse_table import DiffuseTable, LightSearch
+from optsim.render.engine import mi
 from optsim.render.estimate import relative_errors
 from optsim.render.frame import camera_rays, frame_of
 from optsim.render.kernel import trace
+from optsim.render.needs import explain
 from optsim.render.replicates import Replicates
-from optsim.render.settings import DEFAULT_ERROR, RenderSettings
+from optsim.render.settings import RenderSettings
+from optsim.render.shared_path import DispersivePath, SharedPath
 from optsim.render.spectral import light_groups, transport_nodes
-from optsim.render.translate import load, uniform
+from optsim.render.translate import at_nodes, load, uniform
 from scenes.lights import AreaLight, ConstantSky
-from scenes.materials import Diffuse
+from scenes.materials import Dielectric, Diffuse
 from scenes.scene import Scene
+from scenes.spectrum import Spectrum
 
 NODES_A_KERNEL = 48
 """More nodes than this are rendered in several kernels that follow the same paths."""
@@ -49,14 +52,14 @@ class Transport:
         low, high = float(bands.lower.min()), float(bands.upper.max())
         self.frame = frame_of(scene)
         self.groups = light_groups(scene, low, high, self.frame.unit)
-        once = reflects_once(scene)
-        self.nodes = transport_nodes(scene, low, high, linear=once)
+        self.needs = explain(scene, settings.tolerance)
+        linear = self.needs.reflects_once and self.needs.all_diffuse
+        self.nodes = transport_nodes(scene, low, high, linear)
         self.weights = [group.weights(self.nodes, bands) for group in self.groups]
-        tolerance = settings.target or DEFAULT_ERROR
-        self.max_depth = settings.max_depth or depth_for(scene, once, tolerance)
-        self._exact_depth = once and self.max_depth >= 2
+        self.max_depth = settings.max_depth or self.needs.max_depth
+        self._exact_depth = linear and self.max_depth >= 2
         self._rays = camera_rays(scene, self.frame, *film)
-        self.route = "diffuse table" if all(isinstance(m, Diffuse) for m in _used(scene)) else "shared path"
+        self.route = "diffuse table" if self.needs.all_diffuse else "dispersive path" if self.needs.dispersive else "shared path"
         self._integrators = [self._build(group.lights, group.strengths) for group in self.groups]
 
     def empty(self) -> list[Replicates]:
@@ -77,32 +80,41 @@ class Transport:
 
     def _build(self, lights: tuple[int, ...], strengths: tuple[float, ...]) -> list[Any]:
         emission = {i: uniform(strength) for i, strength in zip(lights, strengths)}
-        hit_lights = scattered_rays_seek_lights(self.scene, lights)
+        only_sky = all(isinstance(self.scene.lights[i], ConstantSky) for i in lights)
+        search = LightSearch(sample=not only_sky, hit=scattered_rays_seek_lights(self.scene, lights))
         chunks = np.array_split(self.nodes, -(-self.nodes.size // NODES_A_KERNEL))
         if self.route == "diffuse table":
-            from optsim.render.diffuse_table import DiffuseTable
-
             engine = load(self.scene, self.frame, emission, None)
-            materials = [m if isinstance(m, Diffuse) else Diffuse(reflectance=0.0) for m in self.scene.materials.values()]
-            largest = np.array([m.reflectance.maximum for m in materials])
             used = {shape.material for shape in self.scene.shapes}
-            return [
-                DiffuseTable(
-                    engine,
-                    np.array([m.reflectance.at(c) if name in used else 0 * c for name, m in zip(self.scene.materials, materials)]).reshape(
-                        -1, c.size
-                    ),
-                    largest,
-                    self.max_depth,
-                    hit_lights,
-                )
-                for c in chunks
-            ]
-        raise InputError("materials", sorted({type(m).__name__ for m in _used(self.scene)}), "diffuse")
+            curves = [m.reflectance if isinstance(m, Diffuse) and name in used else None for name, m in self.scene.materials.items()]
+            largest = np.array([0.0 if curve is None else curve.maximum for curve in curves])
+            return [DiffuseTable(engine, _reflectance_table(curves, c), largest, self.max_depth, search) for c in chunks]
+        engine = load(self.scene, self.frame, emission, at_nodes(self.nodes))
+        if self.needs.dispersive:
+            indices = _dispersive_indices(self.scene, engine, self.nodes)
+            nodes = range(self.nodes.size)
+            return [DispersivePath(engine, i, {name: float(n[i]) for name, n in indices.items()}, self.max_depth) for i in nodes]
+        starts = np.cumsum([0] + [c.size for c in chunks])
+        return [SharedPath(engine, int(start), c.size, self.max_depth) for start, c in zip(starts, chunks)]
 
 
-def _used(scene: Scene) -> list[Any]:
-    return [scene.materials[name] for name in {shape.material for shape in scene.shapes}]
+def _dispersive_indices(scene: Scene, engine: Any, nodes_nm: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the refractive index at each node of every glass with an Abbe number, by the name of Mitsuba's parameter."""
+    found: dict[str, np.ndarray] = {}
+    names = list(mi.traverse(engine).keys())
+    for number, material in enumerate(scene.materials.values()):
+        if isinstance(material, Dielectric) and material.abbe is not None:
+            found |= {name: material.index_at(nodes_nm) for name in names if name.startswith(f"{number}_") and name.endswith(".eta")}
+    return found
+
+
+def _reflectance_table(curves: list[Spectrum | None], nodes: np.ndarray) -> np.ndarray:
+    """Return the (materials, n) reflectances at the nodes; black for what no shape is made of."""
+    table = np.zeros((len(curves), nodes.size))
+    for row, curve in zip(table, curves):
+        if curve is not None:
+            row[:] = curve.at(nodes)
+    return table
 
 
 def scattered_rays_seek_lights(scene: Scene, lights: tuple[int, ...]) -> bool:

@@ -1,0 +1,142 @@
+"""The verb: scene and bands to a radiance cube with its standard error and its provenance."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optsim.cube import Bands, make_cube
+from optsim.errors import InputError
+from optsim.render.backend import start, versions
+from optsim.render.canonical import canonical
+from optsim.render.estimate import band_radiance
+from optsim.render.passes import Progress, Renderable, State, run
+from optsim.render.settings import RenderSettings, film_size
+from scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def render(
+    scene: Scene,
+    bands: Bands,
+    size: tuple[int, int],
+    settings: RenderSettings | None = None,
+    progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+) -> xr.Dataset:
+    """Render a scene to a cube of mean spectral radiance per band.
+
+    Args:
+        scene: what to render.
+        bands: K bands; they may touch, overlap or leave gaps. With LLVM the time does not depend on their number.
+        size: (height, width) in mirrors; the picture has ``settings.oversample`` samples along each mirror side.
+        settings: see :class:`RenderSettings`; default: RMS error 1 % of the picture's mean in every band.
+        progress: called after each pass with (share done, current error estimate or None).
+        checkpoint: file to save to now and then (and on Ctrl-C) and to resume from; another configuration's is overwritten.
+
+    Returns:
+        Dataset with ``radiance`` and ``stderr`` (Monte Carlo standard error of each value, an upper bound in wide bands), dims
+        (y, x, wavelength), W m^-2 sr^-1 nm^-1, float32 (float64 where float32 has no such numbers); ``stderr`` is missing with one
+        sample a pixel. Attrs: config_digest, seed, versions, variant, samples_per_pixel, passes, error (estimated), integrator,
+        max_depth, cut_share (upper bound of the share of light cut off there), transport_nodes.
+
+    Raises:
+        InputError: ``render.*`` for settings, ``materials.*`` and ``lights[i]`` for spectra that do not cover the bands.
+    """
+    if start().vectorised:
+        from optsim.render.transport import Transport
+
+        return picture(Transport, scene, bands, size, settings, progress, checkpoint)
+    return render_with_film(scene, bands, size, settings, progress, checkpoint)
+
+
+def render_with_film(
+    scene: Scene,
+    bands: Bands,
+    size: tuple[int, int],
+    settings: RenderSettings | None = None,
+    progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+) -> xr.Dataset:
+    """Render with Mitsuba's own path tracer and spectral film: the judge of :func:`render`, and its substitute without LLVM.
+
+    Arguments, result and errors as of :func:`render`; glass with an Abbe number is refused.
+    """
+    from optsim.render.reference import FilmTransport
+
+    return picture(FilmTransport, scene, bands, size, settings, progress, checkpoint)
+
+
+def picture(
+    route: Callable[[Scene, Bands, tuple[int, int], RenderSettings], Renderable],
+    scene: Scene,
+    bands: Bands,
+    size: tuple[int, int],
+    settings: RenderSettings | None,
+    progress: Progress | None,
+    checkpoint: str | Path | None,
+) -> xr.Dataset:
+    """Render by a given route; see :func:`render`."""
+    settings = RenderSettings() if settings is None else settings
+    film = film_size(size, settings.oversample)
+    task = route(scene, bands, film, settings)
+    if settings.max_depth is None:
+        for sentence in task.needs.warnings:
+            warnings.warn(sentence, RuntimeWarning, stacklevel=3)
+    digest = config_digest(task, bands)
+    state = run(task, progress, Path(checkpoint) if checkpoint is not None else None, digest)
+    return _cube(task, bands, state, digest)
+
+
+def config_digest(task: Renderable, bands: Bands) -> str:
+    """Return the SHA-256 of everything that decides the bytes of a render."""
+    backend = start()
+    told = {
+        "scene": canonical(task.scene),
+        "bands": [canonical(x) for x in (bands.lower, bands.upper, bands.center)],
+        "film": task.film,
+        "settings": task.settings.model_dump(),
+        "route": task.route,
+        "variant": backend.variant,
+        "llvm": backend.llvm.version,
+        "versions": {name: number for name, number in versions().items() if name in ("optsim", "mitsuba", "drjit", "numpy")},
+    }
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+
+
+def _cube(task: Renderable, bands: Bands, state: State, digest: str) -> xr.Dataset:
+    backend = start()
+    if state.groups:
+        radiance, stderr = band_radiance(state.groups, task.weights, task.pixels)
+    else:
+        radiance = np.zeros((task.pixels, bands.count), np.float32)
+        stderr = np.zeros_like(radiance)
+    for values in (radiance, stderr):
+        if values is not None and not np.all(np.isfinite(values)):
+            raise InputError("lights.spectrum", "a radiance that is not finite", "at most 1e30 W m^-2 sr^-1 nm^-1 in the picture")
+    attrs: dict[str, str | int | float] = {
+        "title": f"radiance of {task.scene.name}",
+        "config_digest": digest,
+        "seed": task.settings.seed,
+        "variant": backend.variant,
+        "llvm_version": backend.llvm.version or "none",
+        "versions": json.dumps(versions(), sort_keys=True),
+        "oversample": task.settings.oversample,
+        "samples_per_pixel": state.spent,
+        "passes": state.passes,
+        "error": task.error(state.groups) if state.passes > 1 else 0.0,
+        "integrator": task.route,
+        "max_depth": task.max_depth,
+        "cut_share": float(state.cut),
+        "transport_nodes": int(task.nodes.size),
+    }
+    shape = (*task.film, bands.count)
+    return make_cube(radiance.reshape(shape), bands, None if stderr is None else stderr.reshape(shape), attrs)
