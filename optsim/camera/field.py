@@ -57,7 +57,7 @@ def fit_field(dispersion: Dispersion, wavelength_nm: np.ndarray, half_x_mm: floa
     """
     grid_x, grid_y = np.meshgrid(np.linspace(-1, 1, 9), np.array([-1.0, -0.55, 0.0, 0.3, 0.8, 1.0]), indexing="ij")
     exact = dispersion.position_px(wavelength_nm[:, None, None], grid_x * half_x_mm, grid_y * half_y_mm)
-    valid = exact[2].all((1, 2))
+    valid = np.asarray(exact[2].all((1, 2)))
     if not valid.any():
         return FieldMap(np.zeros((valid.size, 2, 1)), np.zeros((valid.size, 2, 1)), valid, 0.0)
     error = np.inf

@@ -56,11 +56,9 @@ class FineCube:
         per_band = _wavelengths_per_band(given, bands)
         self.interpolated = samples < MIN_SAMPLES or per_band < MIN_WAVELENGTHS
         if self.interpolated and interpolate is None:
-            raise InputError(
-                "cube",
-                f"{samples} x {samples} samples a mirror, {per_band} wavelengths inside the coarsest band",
-                f"of at least {MIN_SAMPLES} x {MIN_SAMPLES} and {MIN_WAVELENGTHS}; render it with {REMEDY}, or allow interpolation (--interpolate)",
-            )
+            found = f"{samples} x {samples} samples a mirror, {per_band} wavelengths inside the coarsest band"
+            least = f"of at least {MIN_SAMPLES} x {MIN_SAMPLES} samples a mirror and {MIN_WAVELENGTHS} wavelengths a band"
+            raise InputError("cube", found, f"{least}: render with {REMEDY}, or allow interpolation (--interpolate)")
         self._repeat = 1
         self._spectral: _Refinement | None = None
         self.bands, self.samples = given, samples

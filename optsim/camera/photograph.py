@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 
 from optsim.camera.arrays import kernels
-from optsim.camera.band_model import OwnShifts, Shifts, curve_integrals, frame_width, physical_model
+from optsim.camera.band_model import OwnShifts, Shifts, curve_integrals, physical_model
 from optsim.camera.camera import CameraConfig
 from optsim.camera.dmd import MAX_SEED, check_masks
 from optsim.camera.field import fit_field
