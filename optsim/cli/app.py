@@ -1,0 +1,86 @@
+"""The verbs, loaded only when called, and the three exit codes: 0 done, 1 the work failed, 2 bad usage or input."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import cyclopts
+
+from optsim import __version__
+from optsim.cli.help import HELP, HELPS
+
+VERBS = {
+    "run": "optsim.cli.run:run",
+    "render": "optsim.cli.stages:render",
+    "measure": "optsim.cli.stages:measure",
+    "reconstruct": "optsim.cli.stages:reconstruct",
+    "score": "optsim.cli.stages:score",
+    "prism": "optsim.cli.questions:prism",
+    "explain": "optsim.cli.questions:explain",
+    "doctor": "optsim.cli.questions:doctor",
+    "scenes": "optsim.cli.questions:scenes",
+    "show": "optsim.cli.questions:show",
+}
+
+
+def build() -> cyclopts.App:
+    """Return the application with its verbs as import paths, so that ``--help`` loads none of them."""
+    app = cyclopts.App(name="optsim", help=HELP, help_format="markdown", version=__version__)
+    for name, path in VERBS.items():
+        app.command(path, name=name, help=HELPS[name])
+    return app
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run one verb and leave with its exit code."""
+    sys.exit(_code(list(sys.argv[1:] if arguments is None else arguments)))
+
+
+def _code(arguments: list[str]) -> int:
+    app = build()
+    try:
+        app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    except cyclopts.CycloptsError as error:
+        _complain(_usage(error))
+        return 2
+    except KeyboardInterrupt as interrupt:
+        _complain(str(interrupt) or "stopped")
+        return 130
+    except SystemExit as leave:
+        return leave.code if isinstance(leave.code, int) else 1
+    except Exception as error:
+        if not _is_input_error(error):
+            import os
+            import traceback
+
+            if os.environ.get("OPTSIM_TRACEBACK"):
+                traceback.print_exc()
+            _complain(f"{type(error).__name__}: {error}\n(set OPTSIM_TRACEBACK=1 for the place)")
+            return 1
+        _complain(_describe(error))
+        return 2
+    return 0
+
+
+def _is_input_error(error: Exception) -> bool:
+    """Tell whether the user's input was refused: an InputError of any of the three packages, or pydantic's."""
+    names = {cls.__name__ for cls in type(error).__mro__}
+    return "InputError" in names or ("ValidationError" in names and isinstance(error, ValueError))
+
+
+def _describe(error: Exception) -> str:
+    import pydantic
+
+    if isinstance(error, pydantic.ValidationError):
+        return "\n".join(f"{'.'.join(map(str, e['loc'])) or error.title}: {e['msg']}, got {e['input']!r}" for e in error.errors()[:5])
+    return str(error)
+
+
+def _usage(error: cyclopts.CycloptsError) -> str:
+    """Return cyclopts' sentence, without the exit code that its own printing would use."""
+    return f"{str(error).strip()}\n(optsim --help lists the verbs, optsim VERB --help its options)"
+
+
+def _complain(text: str) -> None:
+    print(f"optsim: {text}", file=sys.stderr)

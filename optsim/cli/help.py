@@ -1,0 +1,85 @@
+"""What ``optsim --help`` and ``optsim VERB --help`` say; kept apart so that help loads no stage."""
+
+HELP = """optsim renders a spectral world with Mitsuba 3, photographs it through a double-Amici coded-aperture camera, and tells
+how well a monochrome, a Bayer and a Foveon sensor let you recover it.
+
+Each verb reads the file of the stage before and writes the next:
+
+    optsim render color-checker --size 64 -o cube.nc
+    optsim measure cube.nc --sensor foveon --shots 1 -o frames.nc
+    optsim reconstruct frames.nc -o estimate.nc
+    optsim score estimate.nc cube.nc
+
+or everything at once: `optsim run --quick`. Exit code 0: done; 1: the work failed; 2: bad usage or bad input.
+"""
+
+HELPS = {
+    "run": """The whole study: scenes to verdict, with report.html.
+
+Renders both targets at 256 x 256 x 24, photographs them with a monochrome, a Bayer and a Foveon sensor at R = 1/8, 1/4,
+3/8 and 1/2, reconstructs and scores: under fifteen minutes on two cores. Ctrl-C keeps what is finished; the same command goes on.
+
+Example: `optsim run --quick --out first-look`
+""",
+    "render": """Render a scene to a cube of spectral radiance.
+
+W m^-2 sr^-1 nm^-1, mean over each band, with the Monte Carlo standard error beside it.
+
+Example: `optsim render color-checker --size 256 --error 0.01 -o cube.nc`
+
+For `measure --physical`: `optsim render color-checker --subdivide 10 --oversample 2 -o fine.nc`
+""",
+    "measure": """Photograph a cube through mask, prism and sensor.
+
+Masks, shifts and responses travel in the frames file, so that it can be reconstructed from that file alone.
+
+Example: `optsim measure cube.nc --sensor foveon --shots 1 -o frames.nc`
+
+Example: `optsim measure fine.nc --sensor mono --shots 3 --physical --noise -o frames.nc`
+""",
+    "reconstruct": """Recover the cube from frames, in the cube's own units.
+
+Basis pursuit, the default, fits the frames exactly and needs no tau; admm, gpsr and fista minimise
+||g - H Psi theta||^2 + tau ||theta||_1.
+
+Example: `optsim reconstruct frames.nc -o estimate.nc`
+
+Example: `optsim reconstruct frames.nc --solver gpsr --tau 1e-4 -o estimate.nc`
+""",
+    "score": """Compare an estimate with the true cube.
+
+PSNR (mean over bands; the peak is the truth's maximum), SSIM, spectral angle, RMSE. A truth that is finer than the
+estimate, in mirrors or in bands, is averaged first.
+
+Example: `optsim score estimate.nc cube.nc --json`
+""",
+    "prism": """Dispersion of the default camera's double Amici prism.
+
+Where light lands on the sensor, nm per pixel, band centres and edges. Position 0 is the centre of the 455 nm pixel, red
+positive; the bands are the prism's own steps of one pixel; the residual is the model's centre minus the paper's table.
+
+Example: `optsim prism --plot prism.png`
+""",
+    "explain": """Which physical effects a scene requires, each on or off with its reason.
+
+Decided from materials, geometry and lights, never from the scene's name; with the error of leaving each effect out.
+
+Example: `optsim explain color-checker --json`
+""",
+    "doctor": """Check this machine by rendering a real scene in a child process.
+
+Backend, LLVM version, cores, memory, versions.
+
+Example: `optsim doctor --json`
+""",
+    "scenes": """List what can be rendered.
+
+Example: `optsim scenes`
+""",
+    "show": """Draw a cube, frames or an estimate as a PNG.
+
+sRGB, a few bands, spectra of points.
+
+Example: `optsim show cube.nc -o cube.png`
+""",
+}

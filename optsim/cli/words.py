@@ -1,0 +1,140 @@
+"""Words of the command line turned into objects, and what verbs print."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from optsim.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from optsim.camera import Sensor
+    from optsim.camera.dmd import MaskRule
+    from recon.problem import Solver
+    from scenes.scene import Scene
+
+ProgressCall = Callable[[float | None, str], None]
+
+
+def find_scene(word: str) -> Scene:
+    """Return a scene by its name, or from a .toml or .json file."""
+    if word.endswith((".toml", ".json")):
+        from scenes.files import read_scene
+
+        return read_scene(Path(word))
+    from scenes import scene_by_name
+
+    return scene_by_name(word).build()
+
+
+def sensor_named(word: str) -> Sensor:
+    """Return the sensor of that name."""
+    from optsim.camera import sensors
+
+    return {sensor.name: sensor for sensor in sensors()}[word]
+
+
+def mask_rule(word: str) -> MaskRule:
+    """Return the rule of that name."""
+    from optsim.camera import Distinct, Repeated
+
+    return {rule.name: rule for rule in (Distinct(), Repeated())}[word]
+
+
+def solver_named(word: str, tau: str | None, frames: xr.Dataset, max_iterations: int | None, debias: bool) -> Solver:
+    """Return a solver's configuration, its tau resolved for these frames.
+
+    Args:
+        word: basis-pursuit, admm, gpsr or fista.
+        tau: ``auto``, None (the same) or a fraction of tau_max, as text.
+        frames: the measurement, from which an automatic tau is found without ground truth.
+        max_iterations: None leaves the solver's default.
+        debias: refit the support (gpsr).
+
+    Raises:
+        InputError: ``--tau``, ``--debias`` or ``--max-iterations``.
+    """
+    from recon import Admm, BasisPursuit, Fista, Gpsr
+
+    if max_iterations is not None and max_iterations < 1:
+        raise InputError("--max-iterations", max_iterations, "at least 1")
+    limit = {} if max_iterations is None else {"max_iterations": max_iterations}
+    if debias and word != "gpsr":
+        raise InputError("--debias", debias, "given with --solver gpsr")
+    if word == "basis-pursuit":
+        if tau is not None:
+            raise InputError("--tau", tau, "absent with --solver basis-pursuit, which needs none")
+        return BasisPursuit(**limit)
+    value = _tau(tau, frames)
+    if word == "gpsr":
+        return Gpsr(tau=value, debias=debias, **limit)
+    return {"admm": Admm, "fista": Fista}[word](tau=value, **limit)
+
+
+def _tau(word: str | None, frames: xr.Dataset) -> float:
+    import numpy as np
+
+    from optsim.camera import band_model_of, signal_of
+    from recon.tuning import AutoTau, TauFraction
+
+    if word in (None, "auto"):
+        rule: AutoTau | TauFraction = AutoTau()
+    else:
+        allowed = "auto, or a fraction of tau_max from 0 to 1"
+        try:
+            fraction = float(word or "")
+        except ValueError:
+            raise InputError("--tau", word, allowed) from None
+        if not 0 <= fraction <= 1:
+            raise InputError("--tau", word, allowed)
+        rule = TauFraction(fraction=fraction)
+    choice = rule.choose(band_model_of(frames).operator(np.float32), signal_of(frames))
+    print(choice.reason, file=sys.stderr)
+    return choice.tau
+
+
+def print_json(value: Mapping[str, object]) -> None:
+    """Print one JSON object; refuses NaN and infinity."""
+    print(json.dumps(value, allow_nan=False))
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[ProgressCall]:
+    """Give ``progress(fraction or None, text)``, shown on standard error when that is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda fraction, text: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn(what),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        last = 0.0
+
+        def show(fraction: float | None, text: str) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last < 0.1 and fraction != 1:
+                return
+            last = now
+            if fraction is None:
+                bar.update(task, description=text)
+            else:
+                bar.update(task, total=1.0, completed=fraction, description=text)
+
+        yield show
