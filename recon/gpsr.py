@@ -23,6 +23,8 @@ FIRST_FRACTION = 0.1
 """Continuation starts at this fraction of tau_max, where a solution has few coefficients and comes in a dozen iterations."""
 STAGE_TOLERANCE = 1e-3
 """Continuation leaves a stage at this change of the objective over the window; more would be thrown away at the next tau."""
+WORST_CONDITION = 1e6
+"""Condition above which an unregularised answer is called unsafe (less where 1e-3 / rounding error is less: 8e3 in float32)."""
 
 
 class Gpsr(Config):
@@ -105,9 +107,7 @@ class Gpsr(Config):
                 recent = values[-1 - WINDOW :]
                 change = (max(recent) - min(recent)) / max(values[-1], np.finfo(float).tiny)
                 if change <= tolerance:
-                    stop = Stop(
-                        f"the objective changed by {change:.1e} of itself over {WINDOW} iterations (tolerance {tolerance:.1e})", True
-                    )
+                    stop = Stop(f"the objective changed by {change:.1e} of itself over {WINDOW} iterations (<= {tolerance:.1e})", True)
                     break
         if best_theta is not None and best < values[-1]:
             descent.theta[...] = best_theta
@@ -119,15 +119,18 @@ class Gpsr(Config):
         return Stop(f"max_iterations = {self.max_iterations} came first; {pace}tolerance {self.tolerance:.1e}: raise max_iterations", False)
 
     def _least_squares(self, descent: Descent) -> tuple[int, Stop]:
-        made, met = descent.least_squares(None, self.max_iterations, self.tolerance)
-        reason = f"tau = 0 is unregularised least squares; conjugate gradients took {made} iterations"
-        return made, Stop(reason if met else f"{reason} without meeting tolerance {self.tolerance:.1e}: raise max_iterations", met)
+        made, met, condition = descent.least_squares(None, self.max_iterations, self.tolerance)
+        reason = f"tau = 0 is unregularised least squares: {made} iterations of conjugate gradients, condition about {condition:.1e}"
+        if condition > min(WORST_CONDITION, 1e-3 / float(np.finfo(descent.theta.dtype).eps)):
+            return made, Stop(f"{reason}, too ill-conditioned to trust in {descent.theta.dtype}: take tau > 0", False)
+        return made, Stop(reason if met else f"{reason}; tolerance {self.tolerance:.1e} not met: raise max_iterations", met)
 
     def _debias(self, descent: Descent, made: int, stop: Stop) -> tuple[int, Stop]:
         count, numbers = descent.nonzeros, descent.measured.size
         if count > numbers:
             return made, Stop(f"{stop.reason}; not debiased: {count:.0f} coefficients for {numbers} measurements", stop.converged)
-        more, met = descent.debias(self.max_iterations, self.tolerance)
+        support = (descent.theta != 0).astype(descent.theta.dtype)
+        more, met, _ = descent.least_squares(support, self.max_iterations, self.tolerance)
         note = f"debiased on {count:.0f} coefficients in {more} iterations" + ("" if met else ", which max_iterations ended")
         return made + more, Stop(f"{stop.reason}; {note}", stop.converged and met)
 

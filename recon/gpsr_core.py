@@ -7,7 +7,7 @@ Figueiredo, Nowak and Wright (2007) minimise half of Eq. 4.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -28,6 +28,14 @@ class CoefficientModel(Protocol):
     def adjoint(self, frames: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Apply A^T; returns flat coefficients."""
         ...
+
+
+class LeastSquares(NamedTuple):
+    """Iterations of conjugate gradients, whether the tolerance was met, and the condition of A as far as they saw it."""
+
+    iterations: int
+    converged: bool
+    condition: float
 
 
 class Descent:
@@ -106,42 +114,38 @@ class Descent:
         largest, gap = self._sums[: kernels.chunk_count(self.theta.size)].max(axis=0)
         return float(largest), float(gap)
 
-    def debias(self, iterations: int, tolerance: float) -> tuple[int, bool]:
-        """Minimise ||g - A theta||^2 over the present support by conjugate gradients from the present point.
+    def least_squares(self, support: np.ndarray | None, iterations: int, tolerance: float) -> LeastSquares:
+        """Minimise ||g - A theta||^2 by conjugate gradients (CGLS) from the present point.
 
         Args:
+            support: 1 for coefficients that may change, else 0; None: all may.
             iterations: at most this many.
             tolerance: stop when the gradient on the support is this fraction of |A^T g| there.
-
-        Returns:
-            Iterations made and whether the tolerance was met.
         """
-        support = (self.theta != 0).astype(self.theta.dtype)
-        return self.least_squares(support, iterations, tolerance)
-
-    def least_squares(self, support: np.ndarray | None, iterations: int, tolerance: float) -> tuple[int, bool]:
-        """Run CGLS over the coefficients where ``support`` is 1 (None: all)."""
-        gradient = self.back if support is None else self.back * support
         reference = self.model.adjoint(self.measured)
         if support is not None:
             reference *= support
+            self.back *= support
         goal = tolerance**2 * self._square(reference)
-        search = gradient.copy()
-        power = self._square(gradient)
-        for i in range(iterations):
-            if power <= goal:
-                return i, True
+        search = self.back.copy()
+        power = self._square(self.back)
+        steps: list[float] = []
+        turns: list[float] = []
+        while power > goal and len(steps) < iterations:
             self.model.forward(search, self.ahead)
             curvature = self._square(self.ahead)
             if curvature == 0:
-                return i, True
+                break
             self.delta[...] = search
             self._move(power / curvature)
-            gradient = self.back if support is None else np.multiply(self.back, support, out=self.back)
-            before, power = power, self._square(gradient)
-            search *= search.dtype.type(power / before)
-            search += gradient
-        return iterations, power <= goal
+            if support is not None:
+                self.back *= support
+            before, power = power, self._square(self.back)
+            steps.append(before / curvature)
+            turns.append(power / before)
+            search *= search.dtype.type(turns[-1])
+            search += self.back
+        return LeastSquares(len(steps), power <= goal, _condition(steps, turns))
 
     def _move(self, along: float) -> None:
         """Go from theta to theta + along delta, where ahead = A delta."""
@@ -166,3 +170,16 @@ class Descent:
     def _total(self, size: int) -> tuple[float, float]:
         total = self._sums[: kernels.chunk_count(size)].sum(axis=0)
         return float(total[0]), float(total[1])
+
+
+def _condition(steps: list[float], turns: list[float]) -> float:
+    """Estimate cond(A) from the Lanczos matrix that conjugate gradients build (Golub and Van Loan, 11.3.5); 1 without steps."""
+    from scipy.linalg import eigvalsh_tridiagonal
+
+    if not steps:
+        return 1.0
+    a, b = np.array(steps), np.array(turns)
+    diagonal = 1 / a
+    diagonal[1:] += b[:-1] / a[:-1]
+    values = eigvalsh_tridiagonal(diagonal, np.sqrt(b[:-1]) / a[:-1])
+    return float(np.sqrt(values[-1] / max(values[0], values[-1] * 1e-32)))

@@ -1,0 +1,195 @@
+"""Tau without ground truth: the grid, the held-out pixels and the warm-started path against brute force."""
+
+import numpy as np
+import pytest
+
+from recon import CodedAperture, Gpsr, InputError, Kronecker, reconstruct
+from recon.metrics import psnr
+from recon.tuning import AutoTau, TauFraction, TauPath, tau_max, tune
+
+SHAPE = (32, 32, 6)
+BASIS = Kronecker(wavelet="db2", level=3)
+SOLVER = Gpsr(tau=0, max_iterations=80, tolerance=1e-4)
+FRACTIONS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+
+
+def scene():
+    rng = np.random.Generator(np.random.Philox(1))
+    patches = np.kron(rng.uniform(0.05, 1, (4, 4, SHAPE[2])), np.ones((8, 8, 1)))
+    return patches * np.linspace(0.7, 1, 32)[:, None, None]
+
+
+def camera(sensor, shots=1, dtype=np.float32):
+    rng = np.random.Generator(np.random.Philox(3))
+    rows, columns, bands = SHAPE
+    masks = (rng.random((shots, rows, columns)) < 0.5).astype(float)
+    peaks = np.array([[3.0]]) if sensor == "mono" else np.array([[0.5], [2.5], [4.5]])
+    response = np.exp(-(((np.arange(bands) - peaks) / (9 if sensor == "mono" else 2.5)) ** 2))
+    y, x = np.mgrid[:rows, : columns + bands - 1]
+    mosaic = np.where((y + x) % 2 == 1, 1, np.where(y % 2 == 0, 0, 2)) if sensor == "bayer" else None
+    return CodedAperture(masks, response, np.arange(bands), np.ones((bands, 1)), mosaic=mosaic, dtype=dtype)
+
+
+def measured(operator, noise, seed=0):
+    frames = operator.forward(scene()).astype(float)
+    return frames + noise * frames.max() * np.random.Generator(np.random.Philox(seed)).standard_normal(frames.shape)
+
+
+@pytest.mark.parametrize("sensor", ["mono", "bayer", "foveon"])
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.05])
+def test_automatic_tau_is_within_three_tenths_of_a_decibel_of_the_best_on_its_grid(sensor, noise):
+    operator = camera(sensor)
+    frames, truth = measured(operator, noise), scene()
+    report = tune(
+        operator,
+        frames,
+        auto=AutoTau(path=TauPath(fractions=FRACTIONS, solver=SOLVER)),
+        score=lambda cube: psnr(cube, truth),
+        basis=BASIS,
+        threads=1,
+    )
+    assert report.scores[report.oracle] == max(report.scores)
+    assert report.scores[report.automatic] > max(report.scores) - 0.3
+    assert report.oracle_at_edge == (report.oracle in (0, 4))
+    assert report.choice.tau == pytest.approx(report.solutions[report.automatic].tau, rel=1e-6)
+
+
+def test_more_noise_asks_for_a_larger_tau():
+    operator = camera("mono", shots=3)
+    rule = AutoTau(path=TauPath(fractions=(1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4), solver=SOLVER))
+    chosen = [rule.choose(operator, measured(operator, noise), basis=BASIS).fraction for noise in (0.01, 0.1, 0.3)]
+    assert chosen == sorted(chosen)
+    assert chosen[0] < chosen[1]
+
+
+def test_held_out_error_equals_that_of_a_solve_which_never_saw_the_pixels():
+    operator = camera("foveon", dtype=np.float64)
+    frames = measured(operator, 0.01)
+    rule = AutoTau(path=TauPath(fractions=(1e-2,), solver=Gpsr(tau=0, tolerance=1e-9)), share=0.1, seed=4)
+    choice = rule.choose(operator, frames, basis=BASIS)
+    held = rule.held_out(operator.out_shape)
+    spoiled = frames.copy()
+    spoiled[:, :, held] = 7 * frames.max()
+
+    class Blind:
+        in_shape, out_shape, dtype = operator.in_shape, operator.out_shape, operator.dtype
+
+        def forward(self, x, out=None):
+            y = operator.forward(x)
+            y[:, :, held] = 0
+            if out is None:
+                return y
+            out[...] = y
+            return out
+
+        def adjoint(self, y, out=None):
+            z = y.copy()
+            z[:, :, held] = 0
+            return operator.adjoint(z, out)
+
+    solution = reconstruct(Blind(), np.where(held, 0, spoiled), basis=BASIS, solver=Gpsr(tau=choice.tau, tolerance=1e-9))
+    gap = (frames - operator.forward(solution.cube))[:, :, held]
+    assert choice.errors[0] == pytest.approx(np.sum(gap**2) / np.sum(frames[:, :, held] ** 2), rel=1e-4)
+    np.testing.assert_allclose(choice.start, solution.cube, atol=1e-5)
+
+
+def test_held_out_pixels_are_the_share_asked_for_and_follow_the_seed():
+    draws = [AutoTau(share=0.05, seed=seed).held_out((3, 1, 40, 50)) for seed in (0, 0, 1)]
+    assert all(d.sum() == 100 for d in draws)
+    np.testing.assert_array_equal(draws[0], draws[1])
+    assert (draws[0] != draws[2]).any()
+    assert AutoTau().held_out((1, 1, 1, 2)).sum() == 1
+    with pytest.raises(InputError, match="detector pixels"):
+        AutoTau().held_out((4, 3, 1, 1))
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e30])
+def test_X8_the_automatic_choice_does_not_depend_on_the_unit(scale):
+    operator = camera("bayer")
+    frames = measured(operator, 0.02)
+    rule = AutoTau(path=TauPath(fractions=FRACTIONS, solver=SOLVER))
+    plain, scaled = (rule.choose(operator, f, basis=BASIS) for f in (frames, frames * scale))
+    assert scaled.fraction == plain.fraction
+    assert scaled.tau == pytest.approx(plain.tau * scale, rel=1e-5)
+    assert scaled.errors == pytest.approx(plain.errors, rel=1e-3)
+    brighter = rule.choose(operator.replace(response=operator.response * scale), frames, basis=BASIS)
+    assert brighter.fraction == plain.fraction
+    assert brighter.tau == pytest.approx(plain.tau * scale, rel=1e-5)
+
+
+def test_the_choice_is_the_same_for_any_number_of_threads():
+    operator = camera("mono", shots=2)
+    frames = measured(operator, 0.02)
+    rule = AutoTau(path=TauPath(fractions=FRACTIONS, solver=SOLVER))
+    one, two = (rule.choose(operator, frames, basis=BASIS, threads=n) for n in (1, 2))
+    assert one.errors == two.errors
+    assert one.start.tobytes() == two.start.tobytes()
+
+
+def test_a_fraction_resolves_to_that_part_of_twice_the_largest_correlation():
+    operator = camera("foveon", dtype=np.float64)
+    frames = measured(operator, 0)
+    expected = 2 * np.abs(BASIS.analysis(operator.adjoint(frames))).max()
+    assert tau_max(operator, frames, basis=BASIS) == pytest.approx(expected, rel=1e-12)
+    choice = TauFraction(fraction=0.25).choose(operator, frames, basis=BASIS)
+    assert choice.tau == pytest.approx(expected / 4, rel=1e-12)
+    assert reconstruct(operator, frames, basis=BASIS, solver=Gpsr(tau=choice.tau)).tau_max == pytest.approx(expected, rel=1e-12)
+
+
+def test_X5_dark_frames_need_no_tau():
+    operator = camera("mono")
+    dark = np.zeros(operator.out_shape)
+    assert tau_max(operator, dark) == 0
+    assert AutoTau().choose(operator, dark).tau == 0
+    with pytest.raises(InputError, match="light"):
+        tune(operator, dark)
+
+
+def test_X6_a_value_that_is_not_finite_is_refused():
+    operator = camera("mono")
+    frames = measured(operator, 0)
+    frames[0, 0, 1, 2] = np.inf
+    for rule in (AutoTau(), TauFraction(fraction=0.1)):
+        with pytest.raises(InputError, match="frames"):
+            rule.choose(operator, frames)
+
+
+def test_every_point_of_a_path_is_the_minimum_for_its_tau():
+    operator = camera("bayer")
+    frames = measured(operator, 0.01)
+    path = TauPath(fractions=(1e-1, 1e-2, 1e-3), solver=Gpsr(tau=0, tolerance=1e-6))
+    seen = []
+    solutions = path.follow(operator, frames, basis=BASIS, on_point=lambda i, s: seen.append((i, s.tau)))
+    assert [i for i, _ in seen] == [0, 1, 2]
+    for fraction, solution in zip(path.fractions, solutions):
+        assert solution.tau == pytest.approx(fraction * solution.tau_max, rel=1e-6)
+        alone = reconstruct(operator, frames, basis=BASIS, solver=Gpsr(tau=solution.tau, tolerance=1e-6))
+        assert solution.objective == pytest.approx(alone.objective, rel=1e-3)
+
+
+def test_a_path_says_where_its_iterations_ended_it():
+    operator = camera("mono")
+    solver = Gpsr(tau=0, max_iterations=3)
+    solutions = TauPath(fractions=(1e-2, 1e-4), solver=solver).follow(operator, measured(operator, 0), basis=BASIS)
+    assert not any(s.stop.converged for s in solutions)
+    assert all("max_iterations = 3" in s.stop.reason for s in solutions)
+
+
+@pytest.mark.parametrize("fractions", [(), (0.1, 0.1), (0.01, 0.1), (1.0, 0.1), (0.1, 0.0), (float("nan"),)])
+def test_a_path_that_does_not_fall_inside_0_to_1_is_refused(fractions):
+    with pytest.raises(InputError, match="fractions"):
+        TauPath(fractions=fractions)
+
+
+def test_other_misuse_is_refused_by_name():
+    operator = camera("mono")
+    frames = measured(operator, 0)
+    with pytest.raises(InputError, match="solver"):
+        TauPath(solver=Kronecker())
+    with pytest.raises(InputError, match="starts"):
+        TauPath(fractions=(0.1, 0.01)).follow(operator, frames, starts=(scene(),))
+    for share in (0, 0.51, float("nan")):
+        with pytest.raises(InputError, match="share"):
+            AutoTau(share=share)
+    with pytest.raises(InputError, match="fraction"):
+        TauFraction(fraction=-0.1)
