@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -63,7 +63,7 @@ def doctor(*, json: Json = False) -> None:
     """Check this machine by rendering a real scene in a child process: backend, LLVM, cores, memory, versions."""
     from optsim.render.backend import doctor as examine
 
-    report = examine()
+    report: dict[str, Any] = examine()
     if json:
         print_json(report)
     else:
