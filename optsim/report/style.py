@@ -54,7 +54,6 @@ SETTINGS: dict[Any, Any] = {
     "lines.markersize": 5.0,
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
-    "pdf.fonttype": 42,
     "image.interpolation": "nearest",
     "image.resample": False,
 }
@@ -108,7 +107,8 @@ def save(figure: Figure, directory: Path, name: str) -> tuple[Path, Path]:
         raise InputError("figure.name", name, "letters, digits, - and _ only")
     directory.mkdir(parents=True, exist_ok=True)
     png, pdf = directory / f"{name}.png", directory / f"{name}.pdf"
-    figure.savefig(png, dpi=DPI, metadata={"Software": None})
+    figure.savefig(png, dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    figure.set_layout_engine("none")  # the places are found: don't look for them again
     figure.savefig(pdf, dpi=DPI, metadata={"CreationDate": None, "Producer": None, "Creator": None})
     return png, pdf
 

@@ -1,0 +1,42 @@
+"""Write a run's report: figures beside it, and one page that holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from optsim.report.data import RunData
+from optsim.report.figures import draw_figures
+from optsim.report.page import render_page
+from optsim.report.style import Drawn
+from optsim.report.verdict import Verdict, make_verdict
+
+
+@dataclass(frozen=True)
+class Report:
+    """Hold what was written: the page, its figures, and the verdict for a console."""
+
+    page: Path
+    figures: tuple[Drawn, ...]
+    verdict: Verdict
+
+
+def write_report(run: RunData, directory: Path, progress: Callable[[str, int, int], None] | None = None) -> Report:
+    """Draw DIR/figures/*.png and *.pdf and write DIR/report.html; older ones are replaced.
+
+    Args:
+        run: what the run found; pieces that are missing are named on the page.
+        directory: made if absent.
+        progress: called with (what, done, total) before each step.
+
+    Raises:
+        InputError: when an estimate is not finite or of another shape than its truth.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    drawn = draw_figures(run, directory / "figures", progress)
+    page = directory / "report.html"
+    unfinished = directory / ".report.html.tmp"
+    unfinished.write_text(render_page(run, drawn), "utf-8")
+    unfinished.replace(page)
+    return Report(page, drawn, make_verdict(run))
