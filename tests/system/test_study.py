@@ -1,0 +1,145 @@
+"""A whole study: what it leaves, that it repeats, resumes, and stops cleanly."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+
+from optsim.study.config import StudyConfig
+from optsim.study.plan import SolveTask, shootings, solves
+from optsim.study.pool import Progress, Stopped, run_all
+from optsim.study.run import run_study
+from optsim.study.store import Store, digest
+
+TINY = StudyConfig(size=16, targets=("color-checker",), groups=(1,), gpsr_groups=(1,), physical_groups=(1,), render_error=0.05)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run") / "a"
+    return folder, run_study(TINY, folder, quiet=True)
+
+
+def estimates(folder):
+    return {path.name: path.read_bytes() for path in sorted((folder / "estimates").glob("*.nc"))}
+
+
+def test_the_default_study_has_every_case_that_it_promises():
+    tasks = solves(StudyConfig())
+    assert len({t.name for t in tasks}) == len(tasks) == 2 * (4 * 4 + 2 * 4 + 4 * 2)
+    for target in StudyConfig().targets:
+        shots = {(s.series.key, s.ratio): s.shots for s in shootings(StudyConfig(), target) if not s.physical}
+        assert [shots["mono-distinct", r] for r in (1 / 8, 1 / 4, 3 / 8, 1 / 2)] == [3, 6, 9, 12]
+        assert [shots["foveon", r] for r in (1 / 8, 1 / 4, 3 / 8, 1 / 2)] == [1, 2, 3, 4]
+
+
+def test_a_run_leaves_summary_page_cubes_frames_and_estimates(finished):
+    folder, outcome = finished
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["config"]["size"] == 16
+    assert len(summary["rows"]) == len(outcome.rows) == 4 + 4 * 2 + 4 * 2
+    assert (folder / "report.html").stat().st_size > 10_000
+    assert len(list((folder / "frames").glob("*.nc"))) == 8
+    assert not list(folder.rglob(".tmp-*"))
+
+
+def test_a_second_call_finds_everything_finished_and_changes_no_byte(finished):
+    folder, _ = finished
+    before = estimates(folder)
+    stamps = {path: path.stat().st_mtime_ns for path in folder.rglob("*.nc")}
+    run_study(TINY, folder, quiet=True)
+    assert estimates(folder) == before
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.nc")} == stamps
+
+
+def test_N10_one_worker_and_two_give_the_same_bytes_and_so_does_a_resumed_run(finished, tmp_path):
+    folder, _ = finished
+    one = TINY.model_copy(update={"workers": 1})
+    run_study(one, tmp_path / "b", quiet=True)
+    assert estimates(tmp_path / "b") == estimates(folder)
+    for path in sorted((tmp_path / "b" / "estimates").glob("*.json"))[::2]:
+        path.unlink()
+    next((tmp_path / "b" / "estimates").glob("*.nc")).write_bytes(b"damaged")
+    run_study(one, tmp_path / "b", quiet=True)
+    assert estimates(tmp_path / "b") == estimates(folder)
+
+
+def test_an_entry_whose_inputs_changed_is_computed_anew(finished, tmp_path):
+    folder, _ = finished
+    other = TINY.model_copy(update={"seed": 1, "gpsr_groups": (), "physical_groups": ()})
+    run_study(other, tmp_path / "c", quiet=True)
+    theirs = estimates(tmp_path / "c")
+    assert all(theirs[name] != estimates(folder)[name] for name in theirs)
+
+
+class Piece:
+    def __init__(self, name):
+        self.name, self.cost = name, 1.0
+
+
+def test_ctrl_c_stops_running_tasks_and_leaves_the_rest_undone():
+    done = []
+
+    def work(task, tick):
+        if task.name == "interrupt":
+            raise_in_main.append(True)
+        for _ in range(200):
+            tick()
+            time.sleep(0.01)
+        done.append(task.name)
+        return "done"
+
+    raise_in_main: list[bool] = []
+
+    class Interrupting(Progress):
+        def advance(self, cost, text):
+            raise KeyboardInterrupt
+
+    def quick(task, tick):
+        return "done" if task.name == "first" else work(task, tick)
+
+    with pytest.raises(KeyboardInterrupt), Interrupting(4, quiet=True) as progress:
+        run_all([Piece("first"), Piece("a"), Piece("b"), Piece("c")], quick, 2, progress)
+    assert done == []
+
+
+def test_a_failing_task_is_reported_and_the_others_finish():
+    def work(task, tick):
+        if task.name == "bad":
+            raise ValueError("no light")
+        return "fine"
+
+    with Progress(3, quiet=True) as progress:
+        failures = run_all([Piece("a"), Piece("bad"), Piece("c")], work, 2, progress)
+    assert list(failures) == ["bad"]
+    assert not isinstance(failures["bad"], Stopped)
+
+
+def test_a_damaged_or_foreign_record_does_not_count_as_finished(tmp_path):
+    import xarray as xr
+
+    store = Store(tmp_path)
+    store.keep("x", digest(1), {"a": 1}, {"x.nc": xr.Dataset({"v": ("i", np.arange(3.0))})})
+    assert store.finished("x", digest(1)) == {"a": 1}
+    assert store.finished("x", digest(2)) is None
+    (tmp_path / "x.nc").write_bytes((tmp_path / "x.nc").read_bytes()[:-1])
+    assert store.finished("x", digest(1)) is None
+
+
+def test_I12_unknown_keys_of_a_study_file_are_refused_with_the_right_one(tmp_path):
+    (tmp_path / "s.toml").write_text("sizes = 3\n")
+    with pytest.raises(ValueError, match="did you mean size"):
+        StudyConfig.from_toml(tmp_path / "s.toml")
+    for text in ("render_error = nan\n", "seed = -1\n", "groups = [1, 1]\n", "tau_fractions = [1e-5, 1e-3]\n", "size = 1e5\n"):
+        (tmp_path / "s.toml").write_text(text)
+        with pytest.raises(ValueError, match=text.split(" =")[0]):
+            StudyConfig.from_toml(tmp_path / "s.toml")
+    (tmp_path / "s.toml").write_text("size = 32\nsize = 33\n")
+    with pytest.raises(ValueError, match="--config"):
+        StudyConfig.from_toml(tmp_path / "s.toml")
+
+
+def test_names_of_tasks_are_fit_for_file_names():
+    assert all(set(task.name) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-.") for task in solves(StudyConfig()))
+    assert isinstance(solves(StudyConfig())[0], SolveTask)
