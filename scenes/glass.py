@@ -18,6 +18,13 @@ from scenes.shapes import Shape, Sphere
 from scenes.spectrum import Spectrum
 from scenes.viewpoint import Perspective
 
+LAMP_PLACE = (-3.0, 2.0, 6.0)
+"""In sides of the chart."""
+LAMP_HALF = 1.6
+"""Large, so that caustics are soft."""
+SKY = 0.4
+"""Irradiance of the sky as a fraction of the lamp's."""
+
 
 class Glass(Model):
     """The colour checker lying under a glass ball and a triangular glass bar, seen at an angle.
@@ -53,18 +60,18 @@ class Glass(Model):
 
     def _glasses(self) -> tuple[Shape, ...]:
         lying = np.eye(4)
-        turn = np.deg2rad(25)
+        turn = np.deg2rad(70)
         about_z = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
         lying[:3, :3] = about_z @ [[0, 0, -1], [0, 1, 0], [1, 0, 0]]
-        lying[:3, 3] = (0.055, -0.055, 0.0155)
+        lying[:3, 3] = (0.05, -0.02, 0.0155)
         return (
             Sphere(name="ball", material="glass", center=(-0.045, 0.02, 0.0455), radius=0.045),
             cylinder("prism", "glass", (0.03, 0.11), lying, 3),
         )
 
     def _lights(self, chart: ColorChecker) -> tuple[Light, ...]:
-        sky = self.lamp.scaled(0.4 * self.irradiance / np.pi / float(self.lamp.band_mean(450.0, 670.0)))
-        place = tuple(x * chart.side_m for x in (-3.0, 2.0, 6.0))
-        lamp = square_lamp(place, 0.5 * chart.side_m, Spectrum.constant(1.0))
+        sky = self.lamp.scaled(SKY * self.irradiance / np.pi / float(self.lamp.band_mean(450.0, 670.0)))
+        place = tuple(x * chart.side_m for x in LAMP_PLACE)
+        lamp = square_lamp(place, LAMP_HALF * chart.side_m, Spectrum.constant(1.0))
         level = self.irradiance / lamp.irradiance_per_radiance((0, 0, 0), (0, 0, 1)) / float(self.lamp.band_mean(450.0, 670.0))
-        return (square_lamp(place, 0.5 * chart.side_m, self.lamp.scaled(level)), ConstantSky(radiance=sky))
+        return (square_lamp(place, LAMP_HALF * chart.side_m, self.lamp.scaled(level)), ConstantSky(radiance=sky))

@@ -128,15 +128,13 @@ class Needs:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return what the render cannot do as asked, each with a number and a remedy."""
-        rho = largest_albedo(self.source)
-        if self.reflects_once or (rho < 1 and rho**MAX_DEPTH < self.error):
+        left = min(1.0, largest_albedo(self.source) * self.covered.mean)
+        if self.reflects_once or left**MAX_DEPTH < self.error:
             return ()
-        if rho >= 1:
-            return (f"a surface gives back all light: in a closed room no depth is enough; {MAX_DEPTH} reflections are followed",)
-        wanted = int(np.ceil(np.log(self.error) / np.log(rho)))
+        wanted = f"depth {int(np.ceil(np.log(self.error) / np.log(left)))}" if left < 1 else "more than any depth"
         return (
-            f"max_depth {MAX_DEPTH} leaves out up to {rho**MAX_DEPTH:.3g} of the light in a closed room of albedo {rho:g}; "
-            f"an error of {self.error:g} needs depth {wanted}",
+            f"max_depth {MAX_DEPTH} leaves out up to {left**MAX_DEPTH:.3g} of the light: {left:.6g} of it survives a reflection in this "
+            f"nearly closed room; an error of {self.error:g} needs {wanted}",
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -41,7 +41,9 @@ def _interreflection(needs: Needs) -> Effect:
     if a == b and not _is_glass(needs.source, a):
         how = f"parts of {a!r} face each other"
     size = needs.covered.returned
-    beyond = f"what lies beyond is below {rho**needs.max_depth:.1g}" if rho < 1 else "a surface gives back all light"
+    beyond = (
+        f"what lies beyond is below {rho**needs.max_depth:.1g}" if rho < 1 else "the albedo sets no end, chance ends paths without bias"
+    )
     text = (
         f"{how}; {needs.covered.mean:.0%} of the light that leaves a surface lands on another (by ray casting), "
         f"{size:.1%} is given back; largest albedo {rho:.3g}: depth {needs.max_depth}, {beyond}"
