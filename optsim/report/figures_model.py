@@ -39,31 +39,34 @@ def draw_non_zeros(
 def figure_2(directory: Path) -> Drawn:
     """Draw the non-zeros of H for a 4 x 4 x 6 cube: one band, six bands, six bands dispersed."""
     matrices = mono_matrices()
-    figure = new_figure(10.0, 4.2)
-    axes = figure.subplots(1, 3, width_ratios=[0.28, 1, 1], sharey=False)
-    titles = ("(a) one band", "(b) six bands, no dispersion", "(c) six bands, dispersed")
+    figure = new_figure(10.0, 2.75)
+    axes = figure.subplots(1, 3, width_ratios=[H.shape[1] + 6 for H in matrices])
+    titles = ("(a) one band,", "(b) six bands, no dispersion:", "(c) six bands, dispersed:")
     for ax, H, title in zip(axes, matrices, titles):
         band = np.broadcast_to(np.arange(H.shape[1]) // 16, H.shape)
         draw_non_zeros(ax, H, band, BAND_COLORS, H.shape[0], 16)
-        ax.set_title(f"{title}\n{H.shape[0]} × {H.shape[1]}, {np.count_nonzero(H)} non-zeros", loc="left")
+        ax.set_anchor("N")
+        size = f"{H.shape[0]} × {H.shape[1]}"
+        ax.set_title(f"{title}\n{size}" + (f", {np.count_nonzero(H)} non-zeros" if H.shape[1] > 16 else ""), loc="left")
         ax.set_xlabel("voxel (row, then column, then band)" if H.shape[1] > 16 else "voxel")
-        ax.set_xticks(range(0, H.shape[1] + 1, 16))
-        ax.set_yticks(range(0, H.shape[0] + 1, 4))
-    axes[0].set_ylabel("sensor pixel (row, then column)")
+        ax.set_xticks(np.arange(0, H.shape[1] + 1, 16) - 0.5, range(0, H.shape[1] + 1, 16))
+        ax.set_yticks(np.arange(0, H.shape[0] + 1, 4) - 0.5, range(0, H.shape[0] + 1, 4))
+    axes[0].set_ylabel("sensor pixel")
     counts = [int(np.count_nonzero(H)) for H in matrices]
     caption = (
-        f"Non-zeros of H for a 4 × 4 × 6 cube, monochrome, every mirror open; colour is the band. One band is the identity ({counts[0]} non-zeros); "
-        f"without dispersion the six bands fall on the same 16 pixels ({counts[1]}); with it each band moves one column, four rows of H, further and the frame "
-        f"grows to {matrices[2].shape[0]} pixels ({counts[2]})."
+        "Non-zeros of H for a 4 × 4 × 6 cube, monochrome, every mirror open; colour is the band. "
+        f"One band is the identity ({counts[0]} non-zeros); without dispersion the six bands fall on the same 16 pixels ({counts[1]}); "
+        "with it each band moves one column, four rows of H, further and the frame grows to "
+        f"{matrices[2].shape[0]} pixels ({counts[2]})."
     )
-    alt = "Three matrices drawn as coloured squares: one diagonal; six diagonals side by side; six diagonals, each four rows lower than the one before."
+    alt = "Three matrices: one diagonal; six diagonals side by side; six diagonals, each four rows lower than the one before."
     png, pdf = save(figure, directory, "fig02")
     return Drawn("fig02", "Fig. 2: the sensing matrix, monochrome", caption, alt, png, pdf)
 
 
 def figure_4(directory: Path) -> Drawn:
     """Draw the non-zeros of H for Bayer and Foveon with stylised bands, three colour blocks stacked."""
-    figure = new_figure(10.0, 6.4)
+    figure = new_figure(10.0, 6.1)
     axes = figure.subplots(1, 2, sharey=True)
     pair = (("(a) Bayer, RGGB", bayer_blocks()), ("(b) Foveon", foveon_matrix()))
     for ax, (title, H) in zip(axes, pair):
@@ -72,16 +75,17 @@ def figure_4(directory: Path) -> Drawn:
         draw_non_zeros(ax, H, color, [CHANNELS[c] for c in ("red", "green", "blue")], rows, 16)
         ax.set_title(f"{title}: {H.shape[0]} × {H.shape[1]}, {np.count_nonzero(H)} non-zeros", loc="left")
         ax.set_xlabel("voxel (row, then column, then band)")
-        ax.set_xticks(range(0, H.shape[1] + 1, 16))
-        ax.set_yticks([rows * (c + 0.5) for c in range(3)], ["red", "green", "blue"], rotation=90, va="center")
+        ax.set_xticks(np.arange(0, H.shape[1] + 1, 16) - 0.5, range(0, H.shape[1] + 1, 16))
+        ax.set_yticks([rows * (c + 0.5) - 0.5 for c in range(3)], ["red", "green", "blue"], rotation=90, va="center")
         ax.tick_params(axis="y", length=0)
     axes[0].set_ylabel("sensor pixel, one block a colour")
     counts = [int(np.count_nonzero(H)) for _, H in pair]
     caption = (
-        "The same cube seen by colour sensors, with stylised curves (real ones never reach zero): Bayer blue takes bands 1 and 2, green 2 to 5, red 5 and 6; "
-        f"Foveon blue 1 to 4, green 3 to 5, red 5 and 6. Bayer’s blocks have empty rows where a pixel has another colour: {counts[0]} non-zeros against {counts[1]}."
+        "The same cube seen by colour sensors, with stylised curves (real ones never reach zero): Bayer blue takes bands 1 and 2, "
+        "green 2 to 5, red 5 and 6; Foveon blue 1 to 4, green 3 to 5, red 5 and 6. "
+        f"Bayer’s blocks have empty rows where a pixel has another colour: {counts[0]} non-zeros against {counts[1]}."
     )
-    alt = "Two matrices of three stacked blocks, red, green and blue, with diagonals where a colour sees a band; Bayer's rows are interrupted."
+    alt = "Two matrices of three stacked blocks, red, green and blue: diagonals where a colour sees a band; Bayer's are broken."
     png, pdf = save(figure, directory, "fig04")
     return Drawn("fig04", "Fig. 4: the sensing matrix, Bayer and Foveon", caption, alt, png, pdf)
 
@@ -158,8 +162,9 @@ def figure_3(run: RunData, directory: Path) -> Drawn | None:
             axes[1, column].set_title(run.responses[sensor].source, fontsize=8, color=MUTED)
     axes[1, 0].set_ylabel("relative response")
     caption = (
-        "Sensor layouts and the response curves of this run, each curve as published (its own maximum 1). The grey span is what the camera sees, "
-        f"{low:g} to {high:g} nm. Foveon’s blue layer lies on green, green on red: each takes part of the light of the ones below."
+        "Sensor layouts and the response curves of this run, each curve as published (its own maximum 1). "
+        f"The grey span is what the camera sees, {low:g} to {high:g} nm. "
+        "Foveon’s blue layer lies on green, green on red: each takes part of the light of the ones below."
     )
     alt = "Sketches of a monochrome, a Bayer and a three-layer Foveon sensor above plots of their spectral response."
     png, pdf = save(figure, directory, "fig03")

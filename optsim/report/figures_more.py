@@ -13,7 +13,7 @@ from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, R_TOLERANCE, SERIES
 from optsim.report.figures_target import RADIANCE, window_box
 from optsim.report.gallery import Gallery, finest_window
 from optsim.report.select import Recipe, ratio_text, ratios, scores_at
-from optsim.report.style import COLORS, DASHES, INK, MARKERS, MUTED, Drawn, new_figure, picture, save
+from optsim.report.style import COLORS, DASHES, INK, MARKERS, MUTED, Drawn, log_ticks, new_figure, picture, save
 from optsim.report.verdict import MAIN_R
 from optsim.report.wording import model_text, recipe_text
 
@@ -56,14 +56,17 @@ def figure_frames(gallery: Gallery, target: str, directory: Path) -> Drawn | Non
         )
         window_box(axes[0, column], window, "#FFD400")
         if f.values.shape[1] == 1:
-            unit = {"relative": "signal, cube units × bands", "electron": "signal, electrons", "DN": "signal, DN"}.get(f.units, f.units)
+            unit = {"relative": "sum of band radiances, W m⁻² sr⁻¹ nm⁻¹", "electron": "signal, electrons", "DN": "signal, DN"}.get(
+                f.units, f.units
+            )
             figure.colorbar(shown, ax=axes[0, column], location="bottom", shrink=0.8, aspect=30).set_label(unit)
         else:
             axes[0, column].set_xlabel("brightest layer value = full scale", color=MUTED)
     shape = next(iter(frames.values())).values.shape
     caption = (
         f"What the sensors record of {target} at R = {ratio_text(MAIN_R)}, {model_text('matched')}: {shape[2]} × {shape[3]} pixels, "
-        f"{shape[3] - gallery.truth(target).radiance.shape[1]} columns wider than the mask by the dispersion. Each mirror is open or closed; each band is shifted."
+        f"{shape[3] - gallery.truth(target).radiance.shape[1]} columns wider than the mask by the dispersion. "
+        "Each mirror is open or closed; each band is shifted."
     )
     alt = "One coded frame of each sensor, grey for monochrome and Bayer, coloured for Foveon, with enlarged windows."
     png, pdf = save(figure, directory, "frames")
@@ -71,30 +74,33 @@ def figure_frames(gallery: Gallery, target: str, directory: Path) -> Drawn | Non
 
 
 def telling_points(truth: np.ndarray, count: int = 6) -> list[tuple[int, int]]:
-    """Choose (y, x) centres of 3 x 3 windows that are flat, bright enough and spectrally far apart; fewer in a small picture."""
+    """Choose (y, x) inside flat, bright patches, spectrally far apart; fewer in a small picture.
+
+    A pixel is flat when it differs from its 3 x 3 mean by at most 3 % of the level, on average over the bands; of these
+    the ones deepest inside their patch are candidates. The brightest comes first, each next one is the farthest, in
+    direction, from those already chosen.
+    """
+    from scipy.ndimage import distance_transform_edt, maximum_filter, uniform_filter
+
     cube = np.asarray(truth, np.float64)
-    height, width, _ = cube.shape
-    if min(height, width) < 3:
-        return [(height // 2, width // 2)]
-    sums = sum(cube[1 + dy : height - 1 + dy, 1 + dx : width - 1 + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1))
-    mean = sums / 9
-    spread = np.max(
-        [np.abs(cube[1 + dy : height - 1 + dy, 1 + dx : width - 1 + dx] - mean).mean(-1) for dy in (-1, 0, 1) for dx in (-1, 0, 1)], axis=0
-    )
-    level = mean.mean(-1)
+    level = cube.mean(-1)
+    mean = uniform_filter(cube, (3, 3, 1), mode="nearest")
+    rough = maximum_filter(np.abs(cube - mean).mean(-1), 3)
     norm = np.linalg.norm(mean, axis=-1)
-    flat = (spread <= 0.03 * level) & (norm > 0) & (level >= 0.15 * np.quantile(level, 0.98))
-    if not flat.any():
-        flat = norm >= np.median(norm)
-    where = np.argwhere(flat)
+    flat = (rough <= 0.03 * level) & (norm > 0) & (level >= 0.15 * np.quantile(level, 0.98))
+    depth = distance_transform_edt(np.pad(flat, 1))[1:-1, 1:-1] if flat.any() else (norm >= np.median(norm)).astype(float)
+    where = np.argwhere(depth >= 0.6 * depth.max())
     where = where[:: max(1, len(where) // 4000)]
-    directions = mean[where[:, 0], where[:, 1]] / np.maximum(norm[where[:, 0], where[:, 1]], 1e-300)[:, None]
-    chosen = [int(np.argmax(level[where[:, 0], where[:, 1]]))]
+    y, x = where.T
+    directions = mean[y, x] / np.maximum(norm[y, x], np.finfo(float).tiny)[:, None]
+    chosen = [int(np.argmax(level[y, x]))]
     distance = np.full(len(where), np.inf)
     while len(chosen) < min(count, len(where)):
         distance = np.minimum(distance, np.linalg.norm(directions - directions[chosen[-1]], axis=1))
+        if distance.max() <= 1e-3:
+            break
         chosen.append(int(np.argmax(distance)))
-    return [(int(y) + 1, int(x) + 1) for y, x in where[chosen]]
+    return [(int(y[i]), int(x[i])) for i in chosen]
 
 
 def spectrum_at(cube: np.ndarray, y: int, x: int) -> np.ndarray:
@@ -112,7 +118,7 @@ def figure_spectra(gallery: Gallery, target: str, directory: Path) -> Drawn | No
     truth, bands = gallery.truth(target), gallery.bands(target)
     points = telling_points(truth.radiance)
     figure = new_figure(10.0, 5.2)
-    left, right = figure.subfigures(1, 2, width_ratios=[1, 2.6])
+    left, right = np.ravel(figure.subfigures(1, 2, width_ratios=[1, 2.6], squeeze=False))
     view = left.subplots()
     view.imshow(gallery.srgb(truth.radiance, target))
     picture(view, target)
@@ -188,7 +194,8 @@ def figure_band_psnr(gallery: Gallery, directory: Path) -> Drawn | None:
         ax.set_title(target)
     axes[0].set_ylabel("PSNR of the band, dB")
     axes[0].legend(loc="best")
-    caption = f"PSNR band by band at R = {ratio_text(MAIN_R)}; the peak is the maximum of the whole true cube, so that a dim band scores higher for the same relative error."
+    caption = f"PSNR band by band at R = {ratio_text(MAIN_R)}; the peak is the maximum of the whole true cube, "
+    caption += "so that a dim band scores higher for the same relative error."
     png, pdf = save(figure, directory, "band-psnr")
     return Drawn("band-psnr", "PSNR by band", caption, "PSNR against wavelength, a line for each sensor reading.", png, pdf)
 
@@ -196,10 +203,8 @@ def figure_band_psnr(gallery: Gallery, directory: Path) -> Drawn | None:
 def figure_tau(gallery: Gallery, directory: Path) -> Drawn | None:
     """Plot PSNR against the tau fraction; mark the automatic and the oracle choice and the level of the main recipe."""
     run = gallery.run
-    places = sorted(
-        {(p.target, round(p.R, 9)) for p in run.tau_path},
-        key=lambda place: (run.targets.index(place[0]) if place[0] in run.targets else 99, place[1]),
-    )
+    order = {target: i for i, target in enumerate(run.targets)}
+    places = sorted({(p.target, round(p.R, 9)) for p in run.tau_path}, key=lambda place: (order.get(place[0], len(order)), place[1]))
     if not places:
         return None
     columns = min(2, len(places))
@@ -215,7 +220,7 @@ def figure_tau(gallery: Gallery, directory: Path) -> Drawn | None:
             level = scores_at(run, gallery.recipe, target, R).get(s.key)
             if level is not None and path:
                 ax.axhline(level, color=COLORS[s.key], linewidth=0.8, linestyle=(0, (1, 2)))
-        ax.set_xscale("log")
+        log_ticks(ax)
         ax.set_title(f"{target}, R = {ratio_text(R)}")
         ax.set_xlabel("tau / tau_max")
         ax.set_ylabel("mean PSNR, dB")
@@ -225,8 +230,8 @@ def figure_tau(gallery: Gallery, directory: Path) -> Drawn | None:
     figure.legend(handles, labels, loc="outside lower center", ncols=min(6, len(labels)))
     main = recipe_text(gallery.recipe) if gallery.recipe else "the main recipe"
     caption = (
-        f"Eq. 4 solved along a path of tau (tau_max makes the zero cube optimal). Rings: the tau chosen without the truth; stars: the best on the path. "
-        f"Dotted: {main}, which needs no tau."
+        "Eq. 4 solved along a path of tau (from tau_max on, the zero cube is optimal). Rings: the tau chosen without the truth; "
+        f"stars: the best on the path. Dotted: {main}."
     )
     png, pdf = save(figure, directory, "tau")
     return Drawn(
@@ -241,30 +246,21 @@ def figure_tau(gallery: Gallery, directory: Path) -> Drawn | None:
 
 def draw_tau_path(axes: Axes, run: RunData, s: Series, path: Sequence[TauScore]) -> None:
     """Plot one path and the marks of the rows that chose a tau on it."""
-    known = sorted((p for p in path if p.psnr_db is not None), key=lambda p: p.tau)
+    known = sorted((p.tau, p.tau_fraction, p.psnr_db) for p in path if p.psnr_db is not None)
     if not known:
         return
-    color = COLORS[s.key]
-    axes.plot(
-        [p.tau_fraction for p in known],
-        [p.psnr_db for p in known],
-        color=color,
-        linestyle=DASHES[s.key],
-        marker=MARKERS[s.key],
-        markersize=4,
-        label=s.label,
-    )
+    color, first = COLORS[s.key], path[0]
+    _, fraction, psnr = zip(*known)
+    axes.plot(fraction, psnr, color=color, linestyle=DASHES[s.key], marker=MARKERS[s.key], markersize=4, label=s.label)
     for row in run.rows:
-        same = row.series == s and row.target == known[0].target and abs(row.R - known[0].R) < R_TOLERANCE and row.model == "matched"
+        same = row.series == s and row.target == first.target and abs(row.R - first.R) < R_TOLERANCE and row.model == "matched"
         if not same or row.tau is None or row.tau_rule is None:
             continue
-        nearest = min(known, key=lambda p: abs(p.tau - row.tau))
-        if abs(nearest.tau - row.tau) > 1e-6 * row.tau:
-            continue
-        style = (
-            {"marker": "o", "markerfacecolor": "none", "markersize": 11} if row.tau_rule == "auto" else {"marker": "*", "markersize": 11}
-        )
-        axes.plot([nearest.tau_fraction], [nearest.psnr_db], color=color, linestyle="none", zorder=5, **style)
+        _, (tau, x, y) = min((abs(point[0] - row.tau), point) for point in known)
+        if abs(tau - row.tau) <= 1e-6 * row.tau:
+            ring = row.tau_rule == "auto"
+            marker, face = ("o", "none") if ring else ("*", color)
+            axes.plot([x], [y], marker, color=color, markerfacecolor=face, markersize=11, zorder=5)
 
 
 def figure_matched(gallery: Gallery, directory: Path) -> Drawn | None:
@@ -282,14 +278,14 @@ def figure_matched(gallery: Gallery, directory: Path) -> Drawn | None:
         return None
     figure = new_figure(10.0, 3.7)
     axes = figure.subplots(1, len(places), squeeze=False)[0]
-    greys = ("#1b1f24", "#D55E00", "#0072B2", "#CC79A7", "#009E73")
+    fills = ("#1b1f24", "#8d99a6", "#c8a14b", "#5d4b7a", "#b9a3d6")
     width = 0.8 / len(recipes)
     for ax, (target, R) in zip(axes, places):
         for i, (label, recipe) in enumerate(recipes.items()):
             values = scores_at(run, recipe, target, R)
             at = [j + (i - (len(recipes) - 1) / 2) * width for j, s in enumerate(SERIES) if s.key in values]
             heights = [values[s.key] for s in SERIES if s.key in values]
-            bars = ax.bar(at, heights, width * 0.92, color=greys[i % 5], label=label)
+            bars = ax.bar(at, heights, width * 0.92, color=fills[i % 5], label=label)
             ax.bar_label(bars, fmt="%.1f", fontsize=6.5, padding=1.5)
         ax.set_xticks(range(len(SERIES)), [s.short.replace(" ", "\n") for s in SERIES])
         ax.set_title(f"{target}, R = {ratio_text(R)}")
@@ -298,7 +294,8 @@ def figure_matched(gallery: Gallery, directory: Path) -> Drawn | None:
     axes[0].set_ylabel("mean PSNR, dB")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    caption = "What the matched set-up hides: data made by the very H that inverts them, against data of the traced prism inverted with unit shifts and with the camera’s own."
+    caption = "What the matched set-up hides: data made by the very H that inverts them, against data of the traced prism "
+    caption += "inverted with unit shifts and with the camera’s own."
     png, pdf = save(figure, directory, "matched")
     return Drawn(
         "matched", "Matched against physical data", caption, "Bars of PSNR for matched and physical data, by sensor reading.", png, pdf

@@ -12,7 +12,7 @@ from optsim.report.chart import curves
 from optsim.report.data import SERIES, Series
 from optsim.report.gallery import Gallery, finest_window
 from optsim.report.select import listing, pick, ratio_text, ratios, score
-from optsim.report.style import COLORS, DASHES, INK, MARKERS, MUTED, Drawn, new_figure, picture, save, slug
+from optsim.report.style import COLORS, DASHES, INK, MARKERS, MUTED, Drawn, new_figure, picture, save, sci, slug
 from optsim.report.verdict import MAIN_R
 from optsim.report.wording import recipe_text
 
@@ -64,7 +64,7 @@ def figure_scene(gallery: Gallery, target: str, number: int | None, zoom: bool, 
     shown = sorted({found[0], found[-1]})
     height = 3.5 + len(shown) * (4.5 if zoom else 2.35)
     figure = new_figure(10.0, height)
-    top, bottom = figure.subfigures(2, 1, height_ratios=[3.5, height - 3.5])
+    top, bottom = np.ravel(figure.subfigures(2, 1, height_ratios=[3.5, height - 3.5], squeeze=False))
     scene, plot = top.subplots(1, 2, width_ratios=[1, 1.45])
     scene.imshow(gallery.srgb(truth, target))
     picture(scene, "(a) the scene, sRGB under its own light")
@@ -84,7 +84,7 @@ def figure_scene(gallery: Gallery, target: str, number: int | None, zoom: bool, 
         )
     name = f"fig{number:02d}" if number else f"scene-{slug(target)}"
     title = f"Fig. {number}: {target}" if number else f"Scene and reconstructions: {target}"
-    alt = f"The scene {target}, a plot of PSNR against compression ratio for four sensor readings, and reconstructed pictures at R = {listing(map(ratio_text, shown))}."
+    alt = f"The scene {target}, PSNR against compression ratio, and reconstructed pictures at R = {listing(map(ratio_text, shown))}."
     png, pdf = save(figure, directory, name)
     return Drawn(name, title, caption + ".", alt, png, pdf)
 
@@ -141,23 +141,24 @@ def figure_errors(gallery: Gallery, target: str, name: str, directory: Path) -> 
     if not errors:
         return None
     top = max(float(np.quantile(e, 0.995)) for e in errors.values()) or 1.0
-    figure = new_figure(10.0, 1.72 * len(errors) + 0.75)
+    figure = new_figure(10.0, 1.6 * truth.shape[0] / truth.shape[1] * len(errors) + 0.4)
     axes = figure.subplots(len(errors), len(index), squeeze=False)
     image = None
     for row, (s, error) in zip(axes, errors.items()):
         for i, ax in enumerate(row):
             image = ax.imshow(error[..., i], cmap="magma", vmin=0, vmax=top)
             picture(ax)
-            ax.set_xlabel(f"mean {error[..., i].mean():.2e}", fontsize=7.5, color=MUTED)
+            ax.set_xlabel(f"mean {sci(float(error[..., i].mean()))}", fontsize=7.5, color=MUTED)
         row[0].set_ylabel(SHORT_NAMES[s.key], color=COLORS[s.key], fontweight="bold")
     for ax, n in zip(axes[0], numbers):
         ax.set_title(f"band {n}: {bands.center[n - 1]:.0f} nm")
     assert image is not None
     bar = figure.colorbar(image, ax=axes, location="right", shrink=0.6, extend="max", aspect=35)
     bar.set_label(f"absolute error of {RADIANCE}")
-    means = ", ".join(f"{s.short} {e.mean():.2e}" for s, e in errors.items())
+    means = ", ".join(f"{s.short} {sci(float(e.mean()))}" for s, e in errors.items())
     caption = (
-        f"Absolute error of {len(index)} bands of {target} at R = {ratio_text(MAIN_R)}, one scale for all; it ends at the 99.5th percentile of the worst row. "
+        f"Absolute error of {len(index)} bands of {target} at R = {ratio_text(MAIN_R)}, one scale for all; "
+        "it ends at the 99.5th percentile of the worst row. "
         f"Mean over these bands, in the same unit: {means}."
     )
     alt = f"Error maps of {target}: a row for each sensor reading, a column for each of {len(index)} bands."
@@ -191,7 +192,8 @@ def figure_single_shot(gallery: Gallery, target: str, name: str, directory: Path
     assert image is not None
     bar = figure.colorbar(image, ax=axes, location="right", shrink=0.6, extend="both", aspect=35)
     bar.set_label(RADIANCE)
-    caption = f"Bands {listing(map(str, numbers))} of {target} from a single colour shot, or three monochrome shots (R = {ratio_text(MAIN_R)}); one scale for all."
+    caption = f"Bands {listing(map(str, numbers))} of {target} from a single colour shot, or three monochrome shots "
+    caption += f"(R = {ratio_text(MAIN_R)}); one scale for all."
     alt = f"Grey pictures of {len(numbers)} bands of {target}: truth and a row for each sensor reading."
     png, pdf = save(figure, directory, name)
     return Drawn(name, f"Fig. 11: bands from a single colour shot, {target}", caption, alt, png, pdf)

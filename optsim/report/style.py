@@ -126,6 +126,30 @@ def picture(axes: Axes, title: str = "", color: str | None = None) -> None:
         axes.set_title(title)
 
 
+def sci(value: float) -> str:
+    """Write a small number as 1.26×10⁻³."""
+    if value == 0 or 0.01 <= abs(value) < 1000:
+        return f"{value:.3g}"
+    mantissa, exponent = f"{value:.2e}".split("e")
+    return f"{mantissa}×10{superscript(int(exponent))}"
+
+
+def superscript(exponent: int) -> str:
+    """Write an integer in superscript digits."""
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def log_ticks(axes: Axes) -> None:
+    """Give a logarithmic x axis labels 10⁻⁴ in plain characters (names on a figure are never read as formulas)."""
+    import math
+
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"10{superscript(round(math.log10(x)))}" if x > 0 else ""))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
 def slug(text: str) -> str:
     """Make a safe file stem from any name: lower-case ASCII letters, digits and dashes."""
     kept = "".join(c if c.isascii() and c.isalnum() else "-" for c in text.lower())
