@@ -11,10 +11,59 @@ from typing import Any
 import numpy as np
 
 from optsim.render.engine import dr, mi
+from optsim.render.sampling import FirstNumbers
 from optsim.render.translate import material_number, shape_handle
 
 ROULETTE_FROM = 4
 """Number of reflections after which paths are ended at random."""
+BLACK, DIFFUSE, OTHER = 0, 1, 2
+
+
+class ReflectanceTable:
+    """Hold the reflectances of a scene's diffuse materials where kernels can read them.
+
+    Args:
+        scene: Mitsuba scene of :func:`optsim.render.translate.load`.
+        curves: (materials, n) reflectance at the nodes within [0, 1]; a row of NaN for a material that is not diffuse.
+        largest: (materials,) largest reflectance at any wavelength.
+    """
+
+    def __init__(self, scene: Any, curves: np.ndarray, largest: np.ndarray) -> None:
+        self.nodes = curves.shape[1]
+        self.groups = (self.nodes + 3) // 4
+        plain = np.isfinite(curves).all(1)
+        padded = np.zeros((len(curves) + 1, 4 * self.groups), np.float32)  # the last row is black: lights
+        padded[:-1, : self.nodes] = np.where(plain[:, None], curves, 0)
+        self._values = mi.Float(padded.ravel())
+        self._largest = mi.Float(np.append(np.where(plain, largest, 0), 0).astype(np.float32))
+        self._kind = mi.UInt32(np.append(np.where(plain, np.where(largest > 0, DIFFUSE, BLACK), OTHER), BLACK).astype(np.uint32))
+        shapes = [(shape_handle(s), material_number(s)) for s in scene.shapes()]
+        rows = np.full(max((h for h, _ in shapes), default=0) + 1, len(curves), np.uint32)
+        for handle, number in shapes:
+            if number >= 0:
+                rows[handle] = number
+        self._rows = mi.UInt32(rows)
+
+    def row(self, si: Any, active: Any) -> Any:
+        """Return the row of the material hit."""
+        handle: Any = dr.reinterpret_array(mi.UInt32, si.shape)
+        return dr.gather(mi.UInt32, self._rows, handle, active)
+
+    def is_diffuse(self, row: Any, active: Any) -> Any:
+        """Tell whether the material is diffuse and not black."""
+        return dr.gather(mi.UInt32, self._kind, row, active) == DIFFUSE
+
+    def is_other(self, row: Any, active: Any) -> Any:
+        """Tell whether the material is not diffuse."""
+        return active & (dr.gather(mi.UInt32, self._kind, row, active) == OTHER)
+
+    def largest(self, row: Any, active: Any) -> Any:
+        """Return the material's largest reflectance."""
+        return dr.gather(mi.Float, self._largest, row, active)
+
+    def at(self, row: Any, group: int, active: Any) -> Any:
+        """Return the material's reflectance at the four nodes of a group."""
+        return dr.gather(mi.Spectrum, self._values, row * self.groups + group, active)
 
 
 @dataclass(frozen=True)
@@ -35,46 +84,32 @@ class DiffuseTable:
 
     Args:
         scene: Mitsuba scene of :func:`optsim.render.translate.load`, lights `uniform`.
-        reflectance: (materials, n) reflectance at the nodes, within [0, 1].
-        max_reflectance: (materials,) largest reflectance at any wavelength: ends paths independently of the nodes chosen.
+        table: reflectances; their largest values end paths at random, so that paths do not depend on the nodes chosen.
         max_depth: emission plus at most max_depth - 1 reflections.
         search: how light is looked for.
     """
 
-    def __init__(self, scene: Any, reflectance: np.ndarray, max_reflectance: np.ndarray, max_depth: int, search: LightSearch) -> None:
-        self.scene = scene
-        self.nodes = reflectance.shape[1]
-        self.groups = (self.nodes + 3) // 4
-        self.search = search
+    def __init__(self, scene: Any, table: ReflectanceTable, max_depth: int, search: LightSearch) -> None:
+        self.scene, self.table, self.search = scene, table, search
+        self.nodes, self.groups = table.nodes, table.groups
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
-        padded = np.zeros((len(reflectance) + 1, 4 * self.groups), np.float32)  # the last row is black: lights
-        padded[:-1, : self.nodes] = reflectance
-        self.table = mi.Float(padded.ravel())
-        self.largest = mi.Float(np.append(max_reflectance, 0.0).astype(np.float32))
-        shapes = [(shape_handle(s), material_number(s)) for s in scene.shapes()]
-        rows = np.full(max((h for h, _ in shapes), default=0) + 1, len(reflectance), np.uint32)
-        for handle, number in shapes:
-            if number >= 0:
-                rows[handle] = number
-        self.row_of = mi.UInt32(rows)
 
     def prepare(self) -> None:
         """Do nothing: every node sees the same geometry."""
 
     @dr.syntax
-    def radiance(self, ray: Any, stream: Any, u: Any, v: Any) -> Any:
+    def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers) -> Any:
         """Trace one path per thread.
 
         Args:
             ray: camera rays.
             stream: PCG32.
-            u: first of two numbers for the first hit's light sample (or, if lights are not sampled, for its scattered ray).
-            v: second of them.
+            numbers: evenly spread numbers for the first surface.
 
         Returns:
-            transport as ``groups`` spectra of four nodes each, and the share of light cut off by max_depth.
+            transport as ``groups`` spectra of four nodes each, and the share of light cut off by max_depth (an upper bound).
         """
-        scene = self.scene
+        scene, table = self.scene, self.table
         light = [mi.Spectrum(0) for _ in range(self.groups)]
         weight = [mi.Spectrum(1) for _ in range(self.groups)]
         bound, cut = mi.Float(1), mi.Float(0)
@@ -88,23 +123,19 @@ class DiffuseTable:
             si.wi = dr.select(si.is_valid(), si.to_local(-ray.d), -ray.d)
             glow = self._glow(si, before, density, depth, active)
             lit = active & si.is_valid() & (dr.dot(si.n, ray.d) < 0)
-            row = self._row(si, lit)
-            top = dr.gather(mi.Float, self.largest, row, lit)
-            lit &= top > 0
-            more = lit & ((depth + 1) < self.max_depth)
-            first = depth == 0
-            even = mi.Point2f(dr.select(first, u, stream.next_float32()), dr.select(first, v, stream.next_float32()))
-            direct = self._direct(si, even, more)
+            row = table.row(si, lit)
+            more = lit & table.is_diffuse(row, lit) & ((depth + 1) < self.max_depth)
+            u, v, s, t = numbers.take(stream, depth == 0)
+            direct = self._direct(si, mi.Point2f(u, v), more)
             for g in range(self.groups):
                 light[g] = dr.fma(weight[g], glow, light[g])
-                weight[g] *= dr.gather(mi.Spectrum, self.table, row * self.groups + g, more)
+                weight[g] *= table.at(row, g, more)
                 light[g] = dr.fma(weight[g], direct, light[g])
-            turn = mi.Point2f(stream.next_float32(), stream.next_float32()) if self.search.sample else even
-            local = mi.warp.square_to_cosine_hemisphere(turn)
+            local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(s, t))
             ray = si.spawn_ray(si.to_world(local))
             before, density = si, local.z * dr.inv_pi
             depth += 1
-            bound *= top
+            bound *= table.largest(row, more)
             survival = dr.select(depth >= ROULETTE_FROM, dr.minimum(bound, 1), 1)
             useful = self._useful(depth)
             cut = dr.select(more & ~useful, bound, cut)
@@ -114,10 +145,6 @@ class DiffuseTable:
             for g in range(self.groups):
                 weight[g] *= share
         return light, cut
-
-    def _row(self, si: Any, active: Any) -> Any:
-        handle: Any = dr.reinterpret_array(mi.UInt32, si.shape)
-        return dr.gather(mi.UInt32, self.row_of, handle, active)
 
     def _glow(self, si: Any, before: Any, density: Any, depth: Any, active: Any) -> Any:
         """Return the light that the surface hit sends out itself, weighted against light sampling after the first ray."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from optsim.render.engine import dr, mi
 from optsim.render.frame import CameraRays
-from optsim.render.sampling import PathSampler, seed_words
+from optsim.render.sampling import FirstNumbers, PathSampler, seed_words
 
 SAMPLES_A_LAUNCH = 4096
 """Float32 sums inside a kernel stay this short; launches are added in float64."""
@@ -30,7 +30,7 @@ class Integrator(Protocol):
         """Make the scene ready for this integrator's nodes."""
         ...
 
-    def radiance(self, ray: Any, stream: Any, u: Any, v: Any) -> Any:
+    def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers) -> Any:
         """Return transport as ``groups`` spectra of four nodes and the share of light cut off."""
         ...
 
@@ -85,11 +85,11 @@ def _launch(
     index = dr.opaque(mi.UInt32, samples[0])
     stop = dr.opaque(mi.UInt32, samples[0] + samples[1])
     while index < stop:
-        x, y, u, v = sampler.first(index)
+        x, y, numbers = sampler.first(index)
         a = 2 * (column + x) / mi.Float(width) - 1
         b = 2 * (row + y) / mi.Float(height) - 1
         ray = mi.Ray3f(mi.Point3f(start + a * start_a + b * start_b), dr.normalize(forward + a * turn_a + b * turn_b))
-        light, lost = integrator.radiance(ray, stream, u, v)
+        light, lost = integrator.radiance(ray, stream, numbers)
         for g in range(integrator.groups):
             sums[g] += light[g]
         cut += lost

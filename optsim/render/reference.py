@@ -21,8 +21,9 @@ from optsim.render.replicates import Replicates
 from optsim.render.sampling import seed_words
 from optsim.render.settings import RenderSettings
 from optsim.render.spectral import light_groups, transport_nodes
-from optsim.render.translate import load, tabulated, uniform
+from optsim.render.translate import bsdf, load, tabulated, uniform
 from scenes.lights import PointLight
+from scenes.materials import Material
 from scenes.scene import Scene
 from scenes.viewpoint import Orthographic, Perspective
 
@@ -70,7 +71,11 @@ class FilmTransport:
         if self.groups:
             responses = box_responses(bands)
             self_test(responses)
-            self._scene = load(scene, frame, _emission(scene, frame, scale), tabulated, sensor(scene, frame, film, responses))
+
+            def surface(material: Material) -> dict[str, Any]:
+                return bsdf(material, tabulated)
+
+            self._scene = load(scene, frame, _emission(scene, frame, scale), surface, sensor(scene, frame, film, responses))
             self._integrator = mi.load_dict({"type": "path", "max_depth": self.max_depth, "rr_depth": 5})
 
     def empty(self) -> list[Replicates]:

@@ -12,7 +12,8 @@ import numpy as np
 
 from optsim.render.engine import dr, mi
 
-DIMENSIONS = 4
+DIMENSIONS = 6
+"""Pixel, light sample and scattered ray at the first smooth surface, two numbers each."""
 
 
 def _increments() -> list[int]:
@@ -46,9 +47,21 @@ class PathSampler:
         self.shift = [shifts.next_uint32() for _ in range(DIMENSIONS)]
         self.stream = _stream(pixel, words)
 
-    def first(self, index: Any) -> list[Any]:
-        """Return the Kronecker point of sample ``index`` (UInt32), DIMENSIONS floats in [0, 1)."""
-        return [mi.Float((s + index * mi.UInt32(step)) >> 8) * 2.0**-24 for s, step in zip(self.shift, INCREMENTS)]
+    def first(self, index: Any) -> tuple[Any, Any, FirstNumbers]:
+        """Return the Kronecker point of sample ``index`` (UInt32): two floats in [0, 1) for the pixel, the rest for the path."""
+        x, y, *rest = [mi.Float((s + index * mi.UInt32(step)) >> 8) * 2.0**-24 for s, step in zip(self.shift, INCREMENTS)]
+        return x, y, FirstNumbers(rest)
+
+
+class FirstNumbers:
+    """Hold the evenly spread numbers that a path's first smooth surface uses; later surfaces draw from the stream."""
+
+    def __init__(self, numbers: list[Any]) -> None:
+        self._numbers = numbers
+
+    def take(self, stream: Any, first: Any) -> list[Any]:
+        """Return two numbers for the light sample and two for the scattered ray; ``first`` tells who may use the even ones."""
+        return [dr.select(first, even, stream.next_float32()) for even in self._numbers]
 
 
 def _stream(pixel: Any, words: tuple[int, int]) -> Any:

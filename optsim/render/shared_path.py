@@ -1,8 +1,8 @@
 """Transport with any material: one path carries all wavelengths, because no direction is chosen by wavelength.
 
-Mitsuba's BSDFs are evaluated at every node along the same path, four nodes at a time. Valid for every material here
-except glass with an Abbe number, whose refraction depends on wavelength: for it the nodes are followed one by one, with the index
-of each (:class:`DispersivePath`).
+Diffuse surfaces answer from a table; Mitsuba's BSDFs of the other surfaces are evaluated at every node along the same path, four
+nodes at a time. Valid for every material here except glass with an Abbe number, whose refraction depends on wavelength: for
+it the nodes are followed one by one, with the index of each (:class:`DispersivePath`).
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from optsim.render.diffuse_table import ROULETTE_FROM, power_share
+from optsim.render.diffuse_table import ROULETTE_FROM, ReflectanceTable, power_share
 from optsim.render.engine import dr, mi
+from optsim.render.sampling import FirstNumbers
 from optsim.render.translate import NODE_OFFSET
 
 
@@ -21,31 +22,33 @@ class SharedPath:
 
     Args:
         scene: Mitsuba scene of :func:`optsim.render.translate.load` with :func:`optsim.render.translate.at_nodes`, lights `uniform`.
-        first: number of the first node to evaluate.
-        nodes: how many nodes from there.
+        table: reflectances of the diffuse materials at the nodes to evaluate.
+        first: number of the first of these nodes.
         max_depth: emission plus at most max_depth - 1 reflections or refractions.
+        coloured: False when no material but the diffuse ones depends on wavelength: then one evaluation serves all nodes.
     """
 
-    def __init__(self, scene: Any, first: int, nodes: int, max_depth: int) -> None:
-        self.scene = scene
-        self.nodes, self.groups = nodes, (nodes + 3) // 4
+    def __init__(self, scene: Any, table: ReflectanceTable, first: int, max_depth: int, coloured: bool) -> None:
+        self.scene, self.table = scene, table
+        self.nodes, self.groups = table.nodes, table.groups
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
-        numbers = NODE_OFFSET + first + np.minimum(np.arange(4 * self.groups), nodes - 1)
-        self._numbers = [[dr.opaque(mi.Float, float(x)) for x in numbers[4 * g : 4 * g + 4]] for g in range(self.groups)]
+        numbers = NODE_OFFSET + first + np.minimum(np.arange(4 * self.groups), self.nodes - 1)
+        fours = numbers.reshape(-1, 4) if coloured else numbers[None, :4]
+        self._numbers = [[dr.opaque(mi.Float, float(x)) for x in four] for four in fours]
 
     def prepare(self) -> None:
         """Do nothing: every node sees the same geometry."""
 
     @dr.syntax
-    def radiance(self, ray: Any, stream: Any, u: Any, v: Any) -> Any:
+    def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers) -> Any:
         """Trace one path per thread; arguments and result as of ``DiffuseTable.radiance``."""
-        scene = self.scene
+        scene, table = self.scene, self.table
         context = mi.BSDFContext()
         wavelengths = [mi.Spectrum(*four) for four in self._numbers]
         light = [mi.Spectrum(0) for _ in range(self.groups)]
         weight = [mi.Spectrum(1) for _ in range(self.groups)]
         index, cut = mi.Float(1), mi.Float(0)
-        depth = mi.UInt32(0)
+        depth, fresh = mi.UInt32(0), mi.Bool(True)
         before = dr.zeros(mi.SurfaceInteraction3f)
         density, sharp = mi.Float(1), mi.Bool(True)
         ray, active = mi.Ray3f(ray), mi.Bool(True)
@@ -53,29 +56,36 @@ class SharedPath:
             si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=(depth == 0))
             glow = self._glow(si, before, density, sharp, active)
             more = active & si.is_valid() & ((depth + 1) < self.max_depth)
+            row = table.row(si, more)
+            diffuse = more & table.is_diffuse(row, more) & (si.wi.z > 0)
+            other = more & table.is_other(row, more)
             bsdf = si.bsdf(ray)
-            first = depth == 0
-            point = mi.Point2f(dr.select(first, u, stream.next_float32()), dr.select(first, v, stream.next_float32()))
-            smooth = more & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-            sample, emission = scene.sample_emitter_direction(si, point, True, smooth)
+            smooth = diffuse | (other & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
+            u, v, s, t = numbers.take(stream, fresh)
+            fresh &= ~smooth
+            sample, emission = scene.sample_emitter_direction(si, mi.Point2f(u, v), True, smooth)
             smooth &= sample.pdf != 0
-            pick, turn = stream.next_float32(), mi.Point2f(stream.next_float32(), stream.next_float32())
-            found = self._scatter(bsdf, context, si, wavelengths, sample, pick, turn, more)
+            toward = si.to_local(sample.d)
+            found = self._scatter(bsdf, context, si, wavelengths, toward, stream.next_float32(), mi.Point2f(s, t), other)
             chosen = found[0][2]
-            direct = dr.select(smooth, emission[0] * dr.select(sample.delta, 1, power_share(sample.pdf, found[0][1])), 0)
+            lambert = dr.maximum(toward.z, 0) * dr.inv_pi
+            by_scatter = dr.select(diffuse, lambert, found[0][1])
+            direct = dr.select(smooth, emission[0] * dr.select(sample.delta, 1, power_share(sample.pdf, by_scatter)), 0)
             for g in range(self.groups):
-                light[g] = dr.fma(weight[g], glow, light[g])
-                light[g] = dr.select(smooth, dr.fma(weight[g] * found[g][0], direct, light[g]), light[g])
-                weight[g] = dr.select(more, weight[g] * found[g][3], weight[g])
-            ray = si.spawn_ray(si.to_world(chosen.wo))
-            index = dr.select(more, index * chosen.eta, index)
-            before, density = si, chosen.pdf
-            sharp = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
+                value, _, _, passed = found[min(g, len(found) - 1)]
+                reflected = table.at(row, g, diffuse)
+                light[g] = dr.fma(weight[g], glow + dr.select(diffuse, reflected * lambert, value) * direct, light[g])
+                weight[g] *= dr.select(diffuse, reflected, passed)
+            bounce = mi.warp.square_to_cosine_hemisphere(mi.Point2f(s, t))
+            ray = si.spawn_ray(si.to_world(dr.select(diffuse, bounce, chosen.wo)))
+            index = dr.select(other, index * chosen.eta, index)
+            before, density = si, dr.select(diffuse, bounce.z * dr.inv_pi, chosen.pdf)
+            sharp = other & mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
             depth += 1
             left = self._largest(weight) * index * index
-            cut = dr.select(active & si.is_valid() & ~more, left, cut)
+            cut = dr.select((diffuse | other) & (depth + 1 >= self.max_depth), left, cut)
             survival = dr.select(depth >= ROULETTE_FROM, dr.minimum(left, 1), 1)
-            active = more & (left > 0) & (stream.next_float32() < survival)
+            active = (diffuse | other) & (left > 0) & (stream.next_float32() < survival)
             for g in range(self.groups):
                 weight[g] = dr.select(active, weight[g] / survival, weight[g])
         return light, cut
@@ -87,9 +97,8 @@ class SharedPath:
         by_light = self.scene.pdf_emitter_direction(before, sample, active & ~sharp)
         return own * dr.select(sharp, 1, power_share(density, by_light))
 
-    def _scatter(self, bsdf: Any, context: Any, si: Any, wavelengths: Any, sample: Any, pick: Any, turn: Any, active: Any) -> list[Any]:
+    def _scatter(self, bsdf: Any, context: Any, si: Any, wavelengths: Any, toward: Any, pick: Any, turn: Any, active: Any) -> list[Any]:
         """Evaluate and sample the BSDF at each group of nodes with the same random numbers: (value, pdf, sample, weight) each."""
-        toward = si.to_local(sample.d)
         found = []
         for four in wavelengths:
             si.wavelengths = four
@@ -108,13 +117,15 @@ class DispersivePath(SharedPath):
 
     Args:
         scene: as above, shared by all nodes of a render.
+        table: as above, of the one node.
         node: number of the node.
-        indices: refractive index at this node of each dispersive glass, by Mitsuba's parameter name.
         max_depth: as above.
+        coloured: as above.
+        indices: refractive index at this node of each dispersive glass, by Mitsuba's parameter name.
     """
 
-    def __init__(self, scene: Any, node: int, indices: dict[str, float], max_depth: int) -> None:
-        super().__init__(scene, node, 1, max_depth)
+    def __init__(self, scene: Any, table: ReflectanceTable, node: int, max_depth: int, coloured: bool, indices: dict[str, float]) -> None:
+        super().__init__(scene, table, node, max_depth, coloured)
         self._indices = indices
 
     def prepare(self) -> None:

@@ -92,11 +92,16 @@ def bsdf(material: Material, spectrum: SpectrumDict) -> dict[str, Any]:
     raise InputError("materials", type(material).__name__, "a material that the renderer knows")
 
 
+def plain(_: Material) -> dict[str, Any]:
+    """Return the BSDF of a surface whose material the integrator reads from its own table."""
+    return {"type": "diffuse", "reflectance": uniform(0.5)}
+
+
 def load(
     scene: Scene,
     frame: Frame,
     strengths: dict[int, dict[str, Any]],
-    spectrum: SpectrumDict | None,
+    surface: Callable[[Material], dict[str, Any]],
     sensor: dict[str, Any] | None = None,
 ) -> Any:
     """Build the Mitsuba scene.
@@ -105,7 +110,7 @@ def load(
         scene: what to build.
         frame: renderer coordinates.
         strengths: emission by index of light, as Mitsuba spectra in renderer units; an area light that is missing is there, but dark.
-        spectrum: translator of material spectra; None gives every surface a plain BSDF (for integrators with their own table).
+        surface: translator of materials to Mitsuba's BSDFs.
         sensor: Mitsuba's sensor, or None.
 
     Returns:
@@ -113,7 +118,7 @@ def load(
     """
     d: dict[str, Any] = {"type": "scene"}
     for number, (name, material) in enumerate(scene.materials.items()):
-        own = bsdf(material, spectrum) if spectrum is not None else {"type": "diffuse", "reflectance": uniform(0.5)}
+        own = surface(material)
         shapes = [shape for shape in scene.shapes if shape.material == name]
         corners = [frame.to_units(batch) for shape in shapes for batch in _faces(shape)]
         if corners:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from optsim.cube import Bands
-from optsim.render.diffuse_table import DiffuseTable, LightSearch
+from optsim.render.diffuse_table import DiffuseTable, LightSearch, ReflectanceTable
 from optsim.render.engine import mi
 from optsim.render.estimate import relative_errors
 from optsim.render.frame import camera_rays, frame_of
@@ -16,12 +16,12 @@ from optsim.render.needs import explain
 from optsim.render.replicates import Replicates
 from optsim.render.settings import RenderSettings
 from optsim.render.shared_path import DispersivePath, SharedPath
-from optsim.render.spectral import light_groups, transport_nodes
-from optsim.render.translate import at_nodes, load, uniform
+from optsim.render.spectral import light_groups, material_spectra, transport_nodes
+from optsim.render.translate import at_nodes, bsdf, load, plain, uniform
 from scenes.lights import AreaLight, ConstantSky
-from scenes.materials import Dielectric, Diffuse
+from scenes.materials import Dielectric, Diffuse, Material
 from scenes.scene import Scene
-from scenes.spectrum import Spectrum
+from scenes.visibility import used_materials
 
 NODES_A_KERNEL = 48
 """More nodes than this are rendered in several kernels that follow the same paths."""
@@ -80,22 +80,27 @@ class Transport:
 
     def _build(self, lights: tuple[int, ...], strengths: tuple[float, ...]) -> list[Any]:
         emission = {i: uniform(strength) for i, strength in zip(lights, strengths)}
-        only_sky = all(isinstance(self.scene.lights[i], ConstantSky) for i in lights)
-        search = LightSearch(sample=not only_sky, hit=scattered_rays_seek_lights(self.scene, lights))
-        chunks = np.array_split(self.nodes, -(-self.nodes.size // NODES_A_KERNEL))
-        if self.route == "diffuse table":
-            engine = load(self.scene, self.frame, emission, None)
-            used = {shape.material for shape in self.scene.shapes}
-            curves = [m.reflectance if isinstance(m, Diffuse) and name in used else None for name, m in self.scene.materials.items()]
-            largest = np.array([0.0 if curve is None else curve.maximum for curve in curves])
-            return [DiffuseTable(engine, _reflectance_table(curves, c), largest, self.max_depth, search) for c in chunks]
-        engine = load(self.scene, self.frame, emission, at_nodes(self.nodes))
+        per_kernel = 1 if self.needs.dispersive else NODES_A_KERNEL
+        chunks = np.array_split(self.nodes, -(-self.nodes.size // per_kernel))
+        if self.needs.all_diffuse:
+            engine = load(self.scene, self.frame, emission, plain)
+            only_sky = all(isinstance(self.scene.lights[i], ConstantSky) for i in lights)
+            search = LightSearch(sample=not only_sky, hit=only_sky or scattered_rays_seek_lights(self.scene, lights))
+            return [DiffuseTable(engine, reflectance_table(self.scene, engine, c), self.max_depth, search) for c in chunks]
+        spectrum = at_nodes(self.nodes)
+
+        def surface(material: Material) -> dict[str, Any]:
+            return plain(material) if isinstance(material, Diffuse) else bsdf(material, spectrum)
+
+        engine = load(self.scene, self.frame, emission, surface)
+        tables = [reflectance_table(self.scene, engine, c) for c in chunks]
+        coloured = any(material_spectra(m) for m in used_materials(self.scene).values() if not isinstance(m, Diffuse))
         if self.needs.dispersive:
             indices = _dispersive_indices(self.scene, engine, self.nodes)
-            nodes = range(self.nodes.size)
-            return [DispersivePath(engine, i, {name: float(n[i]) for name, n in indices.items()}, self.max_depth) for i in nodes]
+            own = [{name: float(n[i]) for name, n in indices.items()} for i in range(self.nodes.size)]
+            return [DispersivePath(engine, t, i, self.max_depth, coloured, own[i]) for i, t in enumerate(tables)]
         starts = np.cumsum([0] + [c.size for c in chunks])
-        return [SharedPath(engine, int(start), c.size, self.max_depth) for start, c in zip(starts, chunks)]
+        return [SharedPath(engine, t, int(start), self.max_depth, coloured) for start, t in zip(starts, tables)]
 
 
 def _dispersive_indices(scene: Scene, engine: Any, nodes_nm: np.ndarray) -> dict[str, np.ndarray]:
@@ -108,13 +113,18 @@ def _dispersive_indices(scene: Scene, engine: Any, nodes_nm: np.ndarray) -> dict
     return found
 
 
-def _reflectance_table(curves: list[Spectrum | None], nodes: np.ndarray) -> np.ndarray:
-    """Return the (materials, n) reflectances at the nodes; black for what no shape is made of."""
-    table = np.zeros((len(curves), nodes.size))
-    for row, curve in zip(table, curves):
-        if curve is not None:
-            row[:] = curve.at(nodes)
-    return table
+def reflectance_table(scene: Scene, engine: Any, nodes_nm: np.ndarray) -> ReflectanceTable:
+    """Tabulate the scene's diffuse materials at the nodes; black for what no shape is made of."""
+    curves = np.zeros((len(scene.materials), nodes_nm.size))
+    largest = np.zeros(len(scene.materials))
+    used = used_materials(scene)
+    for i, (name, material) in enumerate(scene.materials.items()):
+        if isinstance(material, Diffuse):
+            if name in used:
+                curves[i], largest[i] = material.reflectance.at(nodes_nm), material.reflectance.maximum
+        else:
+            curves[i] = np.nan
+    return ReflectanceTable(engine, curves, largest)
 
 
 def scattered_rays_seek_lights(scene: Scene, lights: tuple[int, ...]) -> bool:
