@@ -97,7 +97,7 @@ def sensor_curves(name: str) -> dict[str, Spectrum]:
 
 
 def blackbody(temperature_K: float, wavelength_nm: ArrayLike) -> Spectrum:
-    """Return Planck's spectral radiance in W m^-2 sr^-1 nm^-1 at the given nodes (theory.md R.4, R.5).
+    """Return Planck's spectral radiance in W m^-2 sr^-1 nm^-1 at the given nodes (theory.md (R.4), (R.5)).
 
     Computed as log, so that nothing overflows on the way: where the radiance is below the smallest float64 (1 K in the visible: about
     exp(-36000)) the result is exactly 0.
@@ -121,7 +121,7 @@ def blackbody(temperature_K: float, wavelength_nm: ArrayLike) -> Spectrum:
 
 
 def line(center_nm: float, width_nm: float) -> Spectrum:
-    """Return a spectral line of unit area: a triangle of that full width at half maximum, 0 elsewhere (200 to 2500 nm).
+    """Return a spectral line of unit area (theory.md (R.7)): a triangle of that full width at half maximum, 0 elsewhere in 200 to 2500 nm.
 
     Args:
         center_nm: where it peaks.

@@ -63,7 +63,7 @@ class AreaLight(Light):
         return np.array([c - u - v, c + u - v, c + u + v, c - u + v])
 
     def irradiance_per_radiance(self, point: ArrayLike, normal: ArrayLike) -> float:
-        """Return irradiance / radiance in sr at a surface point, nothing in between (Lambert's polygon formula, theory.md R.8).
+        """Return irradiance / radiance in sr at a surface point, nothing in between (Lambert's polygon formula, theory.md (R.8)).
 
         Args:
             point: three coordinates in metres.

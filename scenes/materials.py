@@ -77,7 +77,7 @@ class Dielectric(Material):
     abbe: Annotated[float, ranged(5, 1000, "(Abbe number)")] | None = None
 
     def index_at(self, wavelength_nm: ArrayLike) -> np.ndarray:
-        """Return the index by Cauchy's two terms through index and Abbe number (theory.md R.6), wavelengths in nm."""
+        """Return the index by Cauchy's two terms through index and Abbe number (theory.md (R.6)), wavelengths in nm."""
         x = np.asarray(wavelength_nm, np.float64)
         if self.abbe is None:
             return np.full(x.shape, self.index)

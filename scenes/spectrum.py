@@ -17,7 +17,7 @@ WIDE_RANGE_NM = (200.0, 2500.0)
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Hold a piecewise linear function of wavelength (theory.md R.1).
+    """Hold a piecewise linear function of wavelength (theory.md (R.1)).
 
     Args:
         wavelength_nm: (n,) strictly increasing finite wavelengths above 0, in nm, n >= 2.
@@ -81,7 +81,7 @@ class Spectrum:
         return np.interp(self._inside(wavelength_nm), self.wavelength_nm, self.value)
 
     def band_mean(self, lower_nm: ArrayLike, upper_nm: ArrayLike) -> np.ndarray:
-        """Average over bands exactly: the integral of the piecewise linear curve over its width (theory.md R.2).
+        """Average over bands exactly: the integral of the piecewise linear curve over its width (theory.md (R.2)).
 
         Args:
             lower_nm: (K,) lower band edges in nm.
@@ -101,7 +101,7 @@ class Spectrum:
         return (_sum_slices(pieces[:, None], edges, bands)[:, 0] / width).reshape(np.shape(lower_nm))
 
     def hat_weights(self, nodes_nm: ArrayLike, lower_nm: ArrayLike, upper_nm: ArrayLike) -> np.ndarray:
-        """Return W with: mean over band k of (this spectrum x T) = sum over i of W[k, i] T(nodes[i]) (theory.md R.3).
+        """Return W with: mean over band k of (this spectrum x T) = sum over i of W[k, i] T(nodes[i]) (theory.md (R.3)).
 
         Exact for every T that is linear between neighbouring nodes: the product of two piecewise linear curves is
         integrated piece by piece by Simpson's rule, which has no error for quadratics.

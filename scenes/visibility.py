@@ -84,7 +84,7 @@ def reflecting_faces(scene: Scene) -> Faces:
 def first_pair_that_sees_each_other(scene: Scene) -> tuple[str, str] | None:
     """Return the names of two reflecting shapes of which parts face each other, or None when it is proven that none do.
 
-    Two flat faces can exchange light if and only if each reaches above the plane of the other (theory.md R.9); what stands between
+    Two flat faces can exchange light if and only if each reaches above the plane of the other (theory.md (R.9)); what stands between
     them is not considered. A sphere sees every other sphere outside it and every face that it rises above. Glass lets light
     through, so a scene with glass returns the glass twice. With more than 6000 faces nothing is proven: the first two reflecting shapes are
     returned.

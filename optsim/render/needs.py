@@ -110,7 +110,7 @@ class Needs:
         return lights + [(f"materials.{name}.{field}", s) for name, m in materials for field, s in material_spectra(m).items()]
 
     def nodes_nm(self, bands: Bands) -> np.ndarray:
-        """Return the wavelengths in nm at which transport is rendered for these bands (theory.md R.10, R.11).
+        """Return the wavelengths in nm at which transport is rendered for these bands (theory.md (R.10), (R.11)).
 
         Raises:
             InputError: a material whose data do not cover the bands.

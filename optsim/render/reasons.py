@@ -152,7 +152,7 @@ def _spectral_nodes(needs: Needs) -> Effect:
 
 
 def node_error(scene: Scene, nodes_nm: np.ndarray, covered: float) -> float:
-    """Estimate the error of reading transport as linear between nodes, relative to the brightest surface (theory.md R.12).
+    """Estimate the error of reading transport as linear between nodes, relative to the brightest surface (theory.md (R.12)).
 
     With step D and maximum rho of the diffuse reflectances over an interval, and a share c of the light that leaves surfaces landing on
     surfaces: D^2 c / (4 rho (1 - rho c)^3), a bound where c holds for every point. Infinite when rho c reaches 1.
