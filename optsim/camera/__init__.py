@@ -11,9 +11,9 @@ from optsim.camera.dmd import Distinct, Repeated, masks_for
 from optsim.camera.fine import Interpolate
 from optsim.camera.frames import band_model_of, check_frames, signal_of, with_unit_shifts
 from optsim.camera.glass import Glass, glass, glass_names
-from optsim.camera.measure import measure_matched
+from optsim.camera.matched import measure_matched
 from optsim.camera.noise import Noise
-from optsim.camera.photograph import Exposure, photograph
+from optsim.camera.physical import Exposure, photograph
 from optsim.camera.prism import DoubleAmici
 from optsim.camera.prism_report import plot_prism, prism_report
 from optsim.camera.relay import Relay

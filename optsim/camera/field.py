@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from optsim.camera.prism import Dispersion
-from optsim.errors import InputError
 
 TOLERANCE_PX = 1e-7
 _DEGREES = ((1, 0), (2, 1), (3, 1), (4, 2), (6, 3), (8, 4), (12, 6))
@@ -22,7 +21,7 @@ class FieldMap:
     Args:
         x: (n, A + 1, B + 1) coefficients c in px.
         y: (n, A + 1, B + 1) coefficients d in px.
-        valid: (n,) False where the prism loses the wavelength somewhere in the field.
+        valid: (n,) False where the prism loses the wavelength everywhere in the field.
         error_px: largest distance from the exact trace on a check grid.
     """
 
@@ -39,6 +38,11 @@ class FieldMap:
         x, y = (c.reshape(c.shape[0], -1) @ powers for c in (self.x, self.y))
         return x.reshape(shape), (y * eta.ravel()).reshape(shape)
 
+    def passes(self, xi: np.ndarray, eta: np.ndarray) -> np.ndarray:
+        """Tell for (n, ...) which field points' light gets through the prism: all of a wavelength's, or none."""
+        shape = np.broadcast(xi, eta).shape
+        return np.broadcast_to(self.valid.reshape(-1, *(1,) * len(shape)), (self.valid.size, *shape))
+
     def inverse(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Estimate (xi, eta) that land at (n, ...) positions: a linear guess and one correction, as the kernel does."""
         form = (slice(None), *(None,) * (x.ndim - 1))
@@ -49,18 +53,50 @@ class FieldMap:
         return xi - (gx - x) / c1, eta - (gy * eta - y) / d0
 
 
-def fit_field(dispersion: Dispersion, wavelength_nm: np.ndarray, half_x_mm: float, half_y_mm: float) -> FieldMap:
+@dataclass(frozen=True, eq=False)
+class TracedField:
+    """Answer as a FieldMap by tracing every point: exact and slow.
+
+    Args:
+        dispersion: what is traced.
+        wavelength_nm: (n,).
+        half_x_mm, half_y_mm: half sides of the field.
+        valid: (n,) False where the prism loses the wavelength everywhere in the field.
+    """
+
+    dispersion: Dispersion
+    wavelength_nm: np.ndarray
+    half_x_mm: float
+    half_y_mm: float
+    valid: np.ndarray
+    error_px: float = 0.0
+
+    def at(self, xi: np.ndarray, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (n, ...) of field points broadcast to one shape (...)."""
+        xi, eta = np.broadcast_arrays(xi, eta)
+        wavelength = self.wavelength_nm.reshape(-1, *(1,) * xi.ndim)
+        x, y, _ = self.dispersion.position_px(wavelength, xi * self.half_x_mm, eta * self.half_y_mm)
+        return x, y
+
+    def passes(self, xi: np.ndarray, eta: np.ndarray) -> np.ndarray:
+        """Tell for (n, ...) which field points' light gets through the prism."""
+        wavelength = self.wavelength_nm.reshape(-1, *(1,) * np.broadcast(xi, eta).ndim)
+        return self.dispersion.position_px(wavelength, xi * self.half_x_mm, eta * self.half_y_mm)[2]
+
+
+def fit_field(dispersion: Dispersion, wavelength_nm: np.ndarray, half_x_mm: float, half_y_mm: float) -> FieldMap | TracedField:
     """Fit the lowest polynomial degrees that hold the trace to 1e-7 px over the field.
 
-    Raises:
-        InputError: field ``camera`` when no degree does (a field too wide, or a prism at its critical angle).
+    Where no degree does (a very wide field), or where the prism loses part of the field (at its critical angle), the
+    trace itself is returned.
     """
     grid_x, grid_y = np.meshgrid(np.linspace(-1, 1, 9), np.array([-1.0, -0.55, 0.0, 0.3, 0.8, 1.0]), indexing="ij")
     exact = dispersion.position_px(wavelength_nm[:, None, None], grid_x * half_x_mm, grid_y * half_y_mm)
-    valid = np.asarray(exact[2].all((1, 2)))
+    valid = np.asarray(exact[2].any((1, 2)))
+    if not np.array_equal(valid, exact[2].all((1, 2))):
+        return TracedField(dispersion, wavelength_nm, half_x_mm, half_y_mm, valid)
     if not valid.any():
         return FieldMap(np.zeros((valid.size, 2, 1)), np.zeros((valid.size, 2, 1)), valid, 0.0)
-    error = np.inf
     for degree in _DEGREES:
         x, y = _fit(dispersion, wavelength_nm[valid], half_x_mm, half_y_mm, degree)
         fitted = FieldMap(_spread(x, valid), _spread(y, valid), valid, 0.0)
@@ -68,9 +104,7 @@ def fit_field(dispersion: Dispersion, wavelength_nm: np.ndarray, half_x_mm: floa
         error = float(max(np.abs(px - exact[0])[valid].max(), np.abs(py - exact[1])[valid].max()))
         if error <= TOLERANCE_PX:
             return FieldMap(fitted.x, fitted.y, valid, error)
-    raise InputError(
-        "camera", f"{error:.2g} px", f"a field over which the trace is smooth to {TOLERANCE_PX:g} px (narrower, or a longer collimator_mm)"
-    )
+    return TracedField(dispersion, wavelength_nm, half_x_mm, half_y_mm, valid)
 
 
 def _fit(

@@ -39,8 +39,8 @@ class Gather:
     def __init__(self, k: Kernels, layout: Layout, weights: Weights, masks: np.ndarray, mosaic: np.ndarray | None, rows: Rows) -> None:
         t = k.backend
         self.k, self.layout, self.weights, self.masks, self.rows = k, layout, weights, masks, rows
-        self.x, self.y = t.Float64(layout.field.x.ravel()), t.Float64(layout.field.y.ravel())
-        self.degree = layout.field.x.shape[1:]
+        self.x, self.y = t.Float64(layout.map.x.ravel()), t.Float64(layout.map.y.ravel())
+        self.degree = layout.map.x.shape[1:]
         self.curves, self.arriving = t.Float64(weights.curves.ravel()), t.Float64(weights.arriving)
         self.mosaic = None if mosaic is None else t.UInt32(mosaic.astype(np.uint32).ravel())
         self.channels = 1 if mosaic is not None else len(weights.curves)

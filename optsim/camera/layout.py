@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optsim.camera.field import FieldMap
+from optsim.camera.field import FieldMap, TracedField
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class Layout:
         mirror_px: side of a mirror's image in px.
     """
 
-    field: FieldMap
+    field: FieldMap | TracedField
     mirrors: tuple[int, int]
     samples: int
     frame: tuple[int, int]
@@ -42,13 +42,19 @@ class Layout:
         """Return the (row, column) on the sensor that belongs to the middle of the mirrors and position 0."""
         return (self.mirrors[0] - 1) / 2, (self.mirrors[1] - 1) / 2
 
+    @property
+    def map(self) -> FieldMap:
+        """Return the field as polynomials, which the kernel needs."""
+        assert isinstance(self.field, FieldMap)
+        return self.field
+
     def reach(self) -> tuple[float, float]:
         """Return how far from its estimated place a sample that touches a pixel can be, in samples along (rows, columns).
 
         The estimate (a linear guess and one correction) is compared with the field map over the field and over a
         sample's whole distance from a pixel; half again of the error found is added.
         """
-        f = self.field
+        f = self.map
         xi, eta = np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 7), indexing="ij")
         x, y = f.at(xi, eta)
         half = (1 + self.side_px) / 2
@@ -65,7 +71,7 @@ class Layout:
 
     def fine_rows(self, first: int, last: int, reach: float) -> tuple[int, int]:
         """Return the range of fine rows that holds all that can touch sensor rows first..last-1."""
-        f, fine = self.field, self.fine[0]
+        f, fine = self.map, self.fine[0]
         slope = f.y[f.valid, 0, 0]
         xi, eta = np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 7), indexing="ij")
         bend = np.abs(f.at(xi, eta)[1] - f.y[:, 0, 0][:, None, None] * eta)[f.valid].max()

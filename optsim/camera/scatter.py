@@ -1,4 +1,4 @@
-"""The same photograph in NumPy, one wavelength at a time, for machines on which Dr.Jit finds no libLLVM."""
+"""The same photograph in NumPy, one wavelength at a time, for machines without a usable libLLVM and for fields that no polynomial holds."""
 
 from __future__ import annotations
 
@@ -26,21 +26,25 @@ class Scatter:
             cube = rows(first, first + s).astype(np.float64) / s**2
             open_ = np.repeat(masks[:, first // s], s, axis=1)[:, None, :]
             eta = (np.arange(first, first + s) + 0.5) / (height / 2) - 1
-            x, y = layout.field.at((np.arange(columns) + 0.5) / (columns / 2) - 1, eta[:, None])
+            xi = (np.arange(columns) + 0.5) / (columns / 2) - 1
+            x, y = layout.field.at(xi, eta[:, None])
+            passes = layout.field.passes(xi, eta[:, None])
             for w in range(weights.arriving.size):
-                light = open_ * cube[..., w]
+                all_light = open_ * cube[..., w]
+                light = all_light * passes[w]
                 spread, inside = self._spread(x[w] + layout.middle[1], y[w] + layout.middle[0], light)
                 for c in range(channels):
                     chi = weights.curves[curve, w] if curve is not None else weights.curves[c, w]
                     self.frames[:, c] += (spread * chi).reshape(len(masks), *layout.frame)
                 self.photons += spread.sum(1) * weights.arriving[w]
-                total, kept = light.sum((1, 2)), (light * inside).sum((1, 2))
+                total, kept, every = light.sum((1, 2)), (light * inside).sum((1, 2)), all_light.sum((1, 2))
+                reflected = every * weights.reflected[w] + (every - total) * weights.arriving[w]
                 sent = weights.arriving[w] + weights.blocked[w] + weights.reflected[w]
                 parts = (
-                    total * sent,
+                    every * sent,
                     (total - kept) * weights.arriving[w],
-                    total * weights.blocked[w],
-                    total * weights.reflected[w],
+                    every * weights.blocked[w],
+                    reflected,
                     kept * weights.outside[w],
                 )
                 totals += np.stack(parts, axis=1)

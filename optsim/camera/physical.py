@@ -10,12 +10,12 @@ from optsim.camera.arrays import kernels
 from optsim.camera.band_model import OwnShifts, Shifts, curve_integrals, physical_model
 from optsim.camera.camera import CameraConfig
 from optsim.camera.dmd import MAX_SEED, check_masks
-from optsim.camera.field import fit_field
+from optsim.camera.field import FieldMap, fit_field
 from optsim.camera.fine import FineCube, Interpolate
 from optsim.camera.frames import make_frames
 from optsim.camera.gather import Gather
 from optsim.camera.layout import Budget, Layout, Weights
-from optsim.camera.measure import add_noise, versions
+from optsim.camera.matched import add_noise, versions
 from optsim.camera.model import Model, ranged
 from optsim.camera.noise import Noise
 from optsim.camera.radiometry import PHOTONS_PER_JOULE_NM
@@ -142,7 +142,7 @@ def _measure(
 ) -> tuple[np.ndarray, np.ndarray, list[Budget]]:
     """Return frames, detected photons and accounts for one second of exposure."""
     k = kernels()
-    if k is None:
+    if k is None or not isinstance(layout.field, FieldMap):
         from optsim.camera.scatter import Scatter
 
         scatter = Scatter(layout, weights, masks, mosaic, fine.rows)
