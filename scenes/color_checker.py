@@ -22,8 +22,9 @@ PATCH = (8 / 64, 13 / 64)
 GAP = 2 / 64
 MARGIN = 3 / 64
 FRAME = 1 / 64
-HAIR = 2.0**-14
-"""How far patches stand in front of the board (and bars in front of patches), as a fraction of its side: 15 um on the default board."""
+HAIR = 2.0**-16
+"""How far patches stand in front of the board (and bars in front of patches), as a fraction of its side: a coat of ink, 4 um on the
+default board. So thin that its shadow is a thousandth of a mirror wide."""
 LAMP_PLACE = (-2.0, 2.4, 8.0)
 """The lamp's middle in sides of the board: 21 degrees off the view, 8.6 sides away. The light falls by about a sixth across the board."""
 LAMP_HALF = 0.2

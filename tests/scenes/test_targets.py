@@ -87,7 +87,7 @@ def test_every_surface_of_a_target_faces_the_camera_and_is_diffuse(recipe):
     for shape in scene.shapes:
         np.testing.assert_array_equal(shape.normal, (0, 0, 1))
         assert isinstance(scene.material_of(shape), Diffuse)
-        assert 0 <= shape.center[2] <= 2 * 2**-14 * recipe.side_m
+        assert 0 <= shape.center[2] <= 2 * 2**-16 * recipe.side_m
 
 
 def irradiance_factor(light, point, normal):
