@@ -30,6 +30,7 @@ class Problem:
         operator: H', largest weight 1.
         basis: Psi.
         frames: g', of the operator's type, largest absolute value 1.
+        exact_frames: g' in float64.
         light: g / g'.
         unit: f / f'.
         start: first guess of f' (M, N, K), or None for zero.
@@ -38,6 +39,7 @@ class Problem:
     operator: LinearOperator
     basis: Basis
     frames: np.ndarray
+    exact_frames: np.ndarray
     light: float
     unit: float
     start: np.ndarray | None = None
@@ -56,7 +58,7 @@ class Problem:
 
     def misfit(self, cube: np.ndarray) -> float:
         """Return ``||g' - H' f'||^2``, summed in float64."""
-        gap = self.frames.astype(np.float64) - self.operator.forward(cube)
+        gap = self.exact_frames - self.operator.forward(cube)
         return float(np.vdot(gap, gap))
 
     def l1(self, cube: np.ndarray) -> float:
@@ -108,7 +110,8 @@ def prepare(operator: LinearOperator, frames: np.ndarray, basis: Basis, start: n
         if guess.shape != tuple(operator.in_shape) or not np.isfinite(guess).all():
             raise InputError("start", guess.shape, f"a finite cube of shape {tuple(operator.in_shape)}")
         first = (guess / unit).astype(operator.dtype)
-    return Problem(inner, basis, np.ascontiguousarray(values / light, operator.dtype), light, unit, first)
+    exact = np.ascontiguousarray(values / light)
+    return Problem(inner, basis, exact.astype(operator.dtype), exact, light, unit, first)
 
 
 def checked_frames(frames: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -60,7 +60,7 @@ def reconstruct(
 def _solution(operator: LinearOperator, problem: Problem, found: Found, began: float) -> Solution:
     misfit, l1 = problem.misfit(found.cube), problem.l1(found.cube)
     objective = l1 * problem.unit if found.tau is None else (misfit + found.tau * l1) * problem.light**2
-    size = float(np.vdot(problem.frames.astype(np.float64), problem.frames.astype(np.float64)))
+    size = float(np.vdot(problem.exact_frames, problem.exact_frames))
     return Solution(
         cube=_scaled(found.cube, problem.unit),
         objective=objective,

@@ -1,0 +1,191 @@
+"""The exact data step ``z -> z + H^T (H H^T + rho I)^+ (g - H z)`` (theory.md (S.10)).
+
+rho = 0 projects on the cubes that explain the frames; rho > 0 is the proximal step of ``||g - H f||^2 / rho``.
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from recon import aperture_kernels, threads
+from recon.coded_aperture import CodedAperture
+from recon.operator import LinearOperator
+
+CUTOFF = 1e-6  # eigenvalues of a block below this part of its largest count as 0 when rho = 0
+FAINT = 1e-12  # and below this part of the largest of all blocks
+ROWS_AT_ONCE = 16
+
+
+class Sums(NamedTuple):
+    """Squared norms of an iteration: of w - x before it, of x's change, of x, and of x - z."""
+
+    gap: float
+    change: float
+    size: float
+    moved: float
+
+
+class DataStep(Protocol):
+    """The data half of a splitting iteration, on band-major arrays (K, M, N)."""
+
+    def advance(self, z: np.ndarray, w: np.ndarray, x: np.ndarray, relax: float, ratio: float = 1.0) -> Sums:
+        """Set ``z += relax (w - x)``, ``x = step(z)``, ``z = x + ratio (z - x)`` and ``w = 2 x - z``."""
+        ...
+
+
+def data_step(operator: LinearOperator, frames: np.ndarray, rho: float) -> DataStep:
+    """Build the exact step that fits the operator's structure: blocks a pixel, bands a row, else conjugate gradients.
+
+    Args:
+        operator: H.
+        frames: g, float64.
+        rho: at least 0, in units of H squared.
+    """
+    if isinstance(operator, CodedAperture) and operator.one_tap:
+        return BlockStep(operator, frames, rho)
+    return ConjugateStep(operator, frames, rho)
+
+
+class BlockStep:
+    """The step of a one-tap camera: one small (pseudo-)inverse a sensor pixel, fused into one pass over each row.
+
+    Shots that repeat a mask are first averaged with the weight sqrt(count), which changes neither the projection nor
+    the objective (up to a constant) and keeps the blocks small. With rho = 0 the channels are first made orthonormal along
+    wavelength, so that a mix of a sensor's layers or a scale of its response makes no difference.
+    """
+
+    def __init__(self, operator: CodedAperture, frames: np.ndarray, rho: float) -> None:
+        from recon import step_kernels
+
+        self._kernel = step_kernels.advance_rows
+        masks, merged = _merge_repeats(operator.masks, frames)
+        response = operator.response * operator.taps[:, 0]
+        if rho == 0:
+            response, merged = _whiten(response, operator.mosaic, merged)
+        tile, tile_of = mosaic_tile(response, operator.mosaic, operator.in_shape[0])
+        inverse = _inverse_blocks((masks, response, tile, tile_of, operator.first_column), merged.shape, rho, operator.dtype)
+        arrays = (np.ascontiguousarray(a, operator.dtype) for a in (merged, masks, response, tile))
+        self._arguments = (*arrays, tile_of, operator.first_column, inverse)
+        self._sums = np.zeros((operator.in_shape[0], 4))
+
+    def advance(self, z: np.ndarray, w: np.ndarray, x: np.ndarray, relax: float, ratio: float = 1.0) -> Sums:
+        """See ``DataStep.advance``."""
+        real = z.dtype.type
+        threads.run(self._kernel, z.shape[1], z, w, x, real(relax), *self._arguments, real(ratio), self._sums)
+        return Sums(*(float(v) for v in self._sums.sum(0)))
+
+
+class ConjugateStep:
+    """The step of any operator, by conjugate gradients on ``(H H^T + rho I) y = g - H z``, each started from the last y."""
+
+    def __init__(self, operator: LinearOperator, frames: np.ndarray, rho: float, tolerance: float = 1e-6, iterations: int = 200) -> None:
+        from recon import step_kernels
+
+        self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
+        self._operator, self._rho = operator, rho
+        self._tolerance, self._iterations = tolerance, iterations
+        self._frames = frames.astype(operator.dtype)
+        self._y = np.zeros(operator.out_shape, operator.dtype)
+        self._sums = np.zeros((operator.in_shape[0], 4))
+
+    def advance(self, z: np.ndarray, w: np.ndarray, x: np.ndarray, relax: float, ratio: float = 1.0) -> Sums:
+        """See ``DataStep.advance``."""
+        real, rows = z.dtype.type, z.shape[1]
+        threads.run(self._relax, rows, z, w, x, real(relax), self._sums)
+        self._solve(self._frames - self._operator.forward(z.transpose(1, 2, 0)))
+        step = np.ascontiguousarray(self._operator.adjoint(self._y).transpose(2, 0, 1))
+        threads.run(self._finish, rows, z, step, x, w, real(ratio), self._sums)
+        return Sums(*(float(v) for v in self._sums.sum(0)))
+
+    def _normal(self, y: np.ndarray) -> np.ndarray:
+        result = self._operator.forward(self._operator.adjoint(y))
+        result += y.dtype.type(self._rho) * y
+        return result
+
+    def _solve(self, right: np.ndarray) -> None:
+        y = self._y
+        left = right - self._normal(y)
+        target = self._tolerance**2 * max(float(np.vdot(right, right)), np.finfo(y.dtype).tiny)
+        direction, size = left.copy(), float(np.vdot(left, left))
+        for _ in range(self._iterations):
+            if size <= target:
+                break
+            image = self._normal(direction)
+            curvature = float(np.vdot(direction, image))
+            if curvature <= 0:
+                break
+            step = y.dtype.type(size / curvature)
+            y += step * direction
+            left -= step * image
+            size, before = float(np.vdot(left, left)), size
+            direction = left + y.dtype.type(size / before) * direction
+
+
+def mosaic_tile(response: np.ndarray, mosaic: np.ndarray | None, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Tabulate the response of each different row of the mosaic: (R, K, W), and which of them each sensor row is."""
+    if mosaic is None:
+        return np.zeros((0, 0, 0)), np.zeros(rows, np.int64)
+    different, tile_of = np.unique(mosaic, axis=0, return_inverse=True)
+    return np.ascontiguousarray(response[different].transpose(0, 2, 1)), tile_of.reshape(-1).astype(np.int64)
+
+
+def _merge_repeats(masks: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    groups: dict[bytes, list[int]] = {}
+    for l, mask in enumerate(masks):
+        groups.setdefault(mask.tobytes(), []).append(l)
+    weight = [np.sqrt(len(shots)) for shots in groups.values()]
+    kept = np.stack([w * masks[shots[0]] for w, shots in zip(weight, groups.values())])
+    return kept, np.stack([w * frames[shots].mean(0) for w, shots in zip(weight, groups.values())])
+
+
+def _whiten(response: np.ndarray, mosaic: np.ndarray | None, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    if mosaic is not None:
+        size = np.linalg.norm(response, axis=1)
+        size[size == 0] = 1
+        return response / size[:, None], frames / size[mosaic]
+    u, s, vt = np.linalg.svd(response, full_matrices=False)
+    rank = int((s > CUTOFF * s[0]).sum())
+    mix = u[:, :rank].T / s[:rank, None]
+    return np.ascontiguousarray(vt[:rank]), np.einsum("pc,lcmj->lpmj", mix, frames)
+
+
+def _inverse_blocks(exact: tuple[np.ndarray, ...], shape: tuple[int, ...], rho: float, dtype: Any) -> np.ndarray:
+    from recon import step_kernels
+
+    shots, channels, rows, width = shape
+    size = shots * channels
+    inverse = np.empty((rows, size * (size + 1) // 2, width), dtype)
+    trust = np.empty((rows, width))
+    largest = 0.0 if rho > 0 else max(float(np.einsum("mssj->mj", g).max()) for _, g in _grams(exact, size, width))
+    for first, gram in _grams(exact, size, width):
+        last = first + gram.shape[0]
+        blocks = gram.copy() if rho == 0 else gram
+        threads.run(step_kernels.invert_blocks, last - first, blocks, rho, inverse[first:last], trust[first:last])
+        if rho == 0:
+            _pseudo_invert(gram, trust[first:last], largest, inverse[first:last])
+    return inverse
+
+
+def _grams(exact: tuple[np.ndarray, ...], size: int, width: int) -> Iterator[tuple[int, np.ndarray]]:
+    masks, response, tile, tile_of, start = exact
+    ones = np.ones((start.size, 1))
+    for first in range(0, masks.shape[1], ROWS_AT_ONCE):
+        rows = np.ascontiguousarray(masks[:, first : first + ROWS_AT_ONCE])
+        gram = np.empty((rows.shape[1], size, size, width))
+        of = tile_of[first : first + ROWS_AT_ONCE]
+        threads.run(aperture_kernels.gram_rows, rows.shape[1], 0, rows, response, tile, of, start, ones, gram)
+        yield first, gram
+
+
+def _pseudo_invert(gram: np.ndarray, trust: np.ndarray, largest: float, inverse: np.ndarray) -> None:
+    """Replace the blocks that may be singular by their pseudo-inverse from the eigenvalues."""
+    m, j = np.nonzero(trust < 4 * CUTOFF)
+    if m.size == 0:
+        return
+    value, vector = np.linalg.eigh(gram[m, :, :, j])
+    kept = value > np.maximum(CUTOFF * value[:, -1:], FAINT * largest)
+    weight = np.divide(1.0, value, out=np.zeros_like(value), where=kept)
+    block = np.einsum("bsi,bi,bqi->bsq", vector, weight, vector)
+    s, q = np.tril_indices(gram.shape[1])
+    inverse[m, :, j] = block[:, s, q]

@@ -1,0 +1,151 @@
+"""Douglas-Rachford splitting, the engine of basis pursuit and of ADMM (theory.md (S.11)).
+
+It alternates the exact data step with a soft threshold in the basis. The threshold's level only sets the speed, never
+the answer: it starts high, where the picture's large structures settle in a few iterations, and falls geometrically
+to an end level that balances the two residuals. Levels are in units of the root mean square of the first estimate, so
+nothing depends on the light or on the response.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from recon.basis import Basis, Kronecker
+from recon.coded_aperture import empty_cube
+from recon.data_step import DataStep
+from recon.problem import Problem
+from recon.solution import Stop
+
+
+@dataclass(frozen=True)
+class Levels:
+    """How the threshold falls: from ``start`` to ``end``, in units of the first estimate's rms, by ``decay`` every ``hold`` iterations."""
+
+    start: float = 3.5
+    end: float = 0.6
+    decay: float = 0.98
+    hold: int = 1
+
+    def after(self, iteration: int) -> float:
+        """Return the level that iteration + 1 uses."""
+        return max(self.end, self.start * self.decay ** (iteration // self.hold * self.hold))
+
+
+@dataclass
+class Limits:
+    """When to stop: tolerance, iterations and wall time."""
+
+    tolerance: float
+    max_iterations: int
+    time_limit_s: float | None = None
+    _began: float = field(default_factory=time.perf_counter)
+
+    def out_of_time(self) -> bool:
+        """Tell whether the wall-time limit has passed."""
+        return self.time_limit_s is not None and time.perf_counter() - self._began > self.time_limit_s
+
+    def exhausted(self, iteration: int, residual: float) -> Stop | None:
+        """Return why to give up after this iteration, if so."""
+        where = f"the residual {residual:.2g} is above the tolerance {self.tolerance:.2g}"
+        if self.out_of_time():
+            return Stop(f"the time limit of {self.time_limit_s:g} s came at iteration {iteration}: {where}; allow more time", False)
+        if iteration >= self.max_iterations:
+            return Stop(f"max_iterations = {self.max_iterations} reached: {where}; raise max_iterations or the tolerance", False)
+        return None
+
+
+@dataclass
+class State:
+    """The iterates: ``x`` satisfies the data step, ``sparse`` is the thresholded one, both (M, N, K); ``l1`` is that one's norm."""
+
+    x: np.ndarray
+    sparse: np.ndarray
+    l1: float = 0.0
+    iterations: int = 0
+
+
+def shrink(basis: Basis, cube: np.ndarray, level: float) -> float:
+    """Replace a band-major cube by ``Psi soft(Psi^T f, level)`` in place and return the l1 norm of its coefficients."""
+    if isinstance(basis, Kronecker):
+        return basis.shrink(cube, level)
+    theta = basis.analysis(cube)
+    theta -= np.clip(theta, -theta.dtype.type(level), theta.dtype.type(level))
+    cube[...] = basis.synthesis(theta)
+    return float(np.abs(theta).sum(dtype=np.float64))
+
+
+def split(
+    problem: Problem,
+    step_at: Callable[[float], DataStep],
+    levels: Levels,
+    relax: float,
+    limits: Limits,
+    scale: float | None = None,
+    on_iteration: Callable[[State], None] | None = None,
+) -> tuple[State, Stop]:
+    """Iterate until both residuals are below the tolerance.
+
+    Args:
+        problem: the normalised problem.
+        step_at: the data step for a threshold's level (absolute); called again when the level changes.
+        levels: the schedule of the threshold.
+        relax: over-relaxation, of (0, 2).
+        limits: tolerance, iterations, time.
+        scale: rms of the cube; None: of the first data step's answer.
+        on_iteration: called with the state after each iteration.
+
+    The primal residual is ``||Psi s - x|| / ||x||``, the dual one ``||x - x_before|| / (10 ||z - x||)``.
+    """
+    state, z, w, x = _begin(problem)
+    level = levels.start * (1.0 if scale is None else scale)
+    step = step_at(level)
+    sums = step.advance(z, w, x, 0.0)
+    if scale is None:
+        scale = math.sqrt(sums.size / x.size)
+        level = levels.start * scale
+    stop = None
+    while stop is None:
+        state.l1 = shrink(problem.basis, state.sparse, level)
+        state.iterations += 1
+        if on_iteration is not None:
+            on_iteration(state)
+        follow = levels.after(state.iterations) * scale
+        if follow != level:
+            sums = step.advance(z, w, x, relax, follow / level)
+            level, step = follow, step_at(follow)
+        else:
+            sums = step.advance(z, w, x, relax)
+        stop = _judge(state.iterations, sums, limits)
+    return state, stop
+
+
+def project(step: DataStep, cube: np.ndarray) -> np.ndarray:
+    """Apply a data step to a band-major cube (M, N, K) once more and return a new one: what float32 has lost comes back."""
+    z = np.ascontiguousarray(cube.transpose(2, 0, 1))
+    x = z.copy()
+    step.advance(z, x.copy(), x, 0.0)
+    return x.transpose(1, 2, 0)
+
+
+def _begin(problem: Problem) -> tuple[State, np.ndarray, np.ndarray, np.ndarray]:
+    shape = tuple(problem.operator.in_shape)
+    cubes = [empty_cube(shape, problem.operator.dtype) for _ in range(3)]
+    for cube in cubes:
+        cube[...] = 0
+    if problem.start is not None:
+        cubes[0][...] = problem.start
+    z, w, x = (cube.transpose(2, 0, 1) for cube in cubes)
+    return State(cubes[2], cubes[1]), z, w, x
+
+
+def _judge(iteration: int, sums: "tuple[float, float, float, float]", limits: Limits) -> Stop | None:
+    gap, change, size, moved = sums
+    primal = math.sqrt(gap / size) if size > 0 else 0.0
+    dual = 0.1 * math.sqrt(change / moved) if moved > 0 else 0.0
+    residual = max(primal, dual)
+    if residual <= limits.tolerance:
+        return Stop(f"converged: both residuals ({primal:.2g}, {dual:.2g}) are below the tolerance {limits.tolerance:.2g}", True)
+    return limits.exhausted(iteration, residual)
