@@ -8,7 +8,7 @@ import numpy as np
 
 from scenes.materials import Conductor, Dielectric, Diffuse, RoughPlastic
 from scenes.scene import Scene
-from scenes.shapes import Shape, Sphere
+from scenes.shapes import Mesh, Shape, Sphere
 
 MAX_PROOF_FACES = 6000
 """More flat faces than this are not compared pair by pair: nothing is proven then."""
@@ -63,10 +63,10 @@ def reflecting_faces(scene: Scene) -> Faces:
             spheres.append([*shape.center, shape.radius])
             sphere_owner.append(i)
             continue
-        polygons = shape.polygons() or ()
-        corners += [np.concatenate([p, p[-1:]]) if len(p) == 3 else p for p in polygons]
-        owner += [i] * len(polygons)
-    table = np.array(corners).reshape(-1, 4, 3)
+        found = _quads(shape)
+        corners.append(found)
+        owner += [i] * len(found)
+    table = np.concatenate([np.zeros((0, 4, 3)), *corners])
     normal = np.cross(table[:, 1] - table[:, 0], table[:, 2] - table[:, 0])
     length = np.linalg.norm(normal, axis=1)
     good = length > 0
@@ -79,6 +79,18 @@ def reflecting_faces(scene: Scene) -> Faces:
         np.array(sphere_owner, int),
         0.0 if box is None else float(np.linalg.norm(box[1] - box[0])),
     )
+
+
+def _quads(shape: Shape) -> np.ndarray:
+    """Return the (n, 4, 3) corners of a shape's flat faces; triangles repeat their last corner."""
+    if isinstance(shape, Mesh):
+        return shape.vertices[shape.faces[:, [0, 1, 2, 2]]]
+    return np.array(shape.polygons()).reshape(-1, 4, 3)
+
+
+def face_count(scene: Scene) -> int:
+    """Return the number of reflecting flat faces; above ``MAX_PROOF_FACES`` nothing is proven about them."""
+    return len(reflecting_faces(scene).corners)
 
 
 def first_pair_that_sees_each_other(scene: Scene) -> tuple[str, str] | None:
@@ -141,10 +153,12 @@ class Coverage:
     Args:
         mean: over all reflecting area.
         returned: mean share that is also given back, i.e. weighted by the albedo of what is hit.
+        measured: False when the scene was too big and the safe answer stands here.
     """
 
     mean: float
     returned: float
+    measured: bool = True
 
 
 def coverage(scene: Scene, seed: int = 0) -> Coverage:
@@ -159,7 +173,7 @@ def coverage(scene: Scene, seed: int = 0) -> Coverage:
     things = 2 * len(faces.corners) + len(faces.spheres)
     rays = MAX_RAY_TESTS // max(1, things)
     if rays < 64 * DIRECTIONS:
-        return Coverage(1.0, float(rest.max(initial=0.0)))
+        return Coverage(1.0, float(rest.max(initial=0.0)), False)
     if things == 0:
         return Coverage(0.0, 0.0)
     rng = np.random.Generator(np.random.Philox(seed))
