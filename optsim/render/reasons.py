@@ -12,7 +12,7 @@ from optsim.render.needs import TYPICAL_NM, Effect, Needs
 from scenes.lights import AreaLight, ConstantSky, DirectionalLight, PointLight
 from scenes.materials import Dielectric, Diffuse
 from scenes.scene import Scene
-from scenes.visibility import largest_albedo, used_materials
+from scenes.visibility import MAX_PROOF_FACES, face_count, largest_albedo, used_materials
 
 TYPICAL_BANDS = 24
 TYPICAL_SAMPLES = 64
@@ -36,19 +36,27 @@ def _interreflection(needs: Needs) -> Effect:
     if needs.seen is None:
         why = "no reflecting surface can see another" if rho > 0 else "nothing reflects"
         return Effect(name, False, f"{why} (every pair of faces tested): light reflected once is all there is, depth 2 is exact", 0.0)
-    a, b = needs.seen
-    how = f"{a!r} lets light through" if a == b and _is_glass(needs.source, a) else f"{a!r} and {b!r} face each other"
-    if a == b and not _is_glass(needs.source, a):
-        how = f"parts of {a!r} face each other"
-    size = needs.covered.returned
     beyond = (
         f"what lies beyond is below {rho**needs.max_depth:.1g}" if rho < 1 else "the albedo sets no end, chance ends paths without bias"
     )
-    text = (
-        f"{how}; {needs.covered.mean:.0%} of the light that leaves a surface lands on another (by ray casting), "
-        f"{size:.1%} is given back; largest albedo {rho:.3g}: depth {needs.max_depth}, {beyond}"
-    )
-    return Effect(name, True, text, size)
+    text = f"{_who_lights_whom(needs.source, *needs.seen)}; {_share(needs)}; largest albedo {rho:.3g}: depth {needs.max_depth}, {beyond}"
+    return Effect(name, True, text, needs.covered.returned)
+
+
+def _who_lights_whom(scene: Scene, a: str, b: str) -> str:
+    if a == b and _is_glass(scene, a):
+        return f"{a!r} lets light through"
+    faces = face_count(scene)
+    if faces > MAX_PROOF_FACES:
+        return f"{faces} faces are too many to prove that none sees another (at most {MAX_PROOF_FACES}), so it is taken that they do"
+    return f"parts of {a!r} face each other" if a == b else f"{a!r} and {b!r} face each other"
+
+
+def _share(needs: Needs) -> str:
+    if not needs.covered.measured:
+        return f"up to {needs.covered.returned:.1%} of the light is given back (too many faces to measure)"
+    lands = f"{needs.covered.mean:.0%} of the light that leaves a surface lands on another (by ray casting)"
+    return f"{lands}, {needs.covered.returned:.1%} is given back"
 
 
 def _is_glass(scene: Scene, name: str) -> bool:

@@ -12,6 +12,7 @@ from optsim.errors import InputError
 from optsim.render.needs import EFFECTS, explain
 from optsim.render.reasons import node_error
 from scenes.library import illuminant, line, reflectance
+from scenes.meshes import icosphere
 from scenes.scene import (
     AreaLight,
     ConstantSky,
@@ -222,3 +223,11 @@ def test_a_scene_whose_spectra_share_no_wavelength_is_refused():
 def test_an_empty_scene_needs_nothing():
     needs = explain(Scene(name="void", shapes=[], materials={}, lights=[], viewpoint=VIEW))
     assert not any(e.on for e in needs.effects if e.name != "spectral_nodes")
+
+
+def test_a_mesh_of_too_many_faces_to_compare_is_taken_to_light_itself_and_says_so():
+    ball = icosphere("ball", "grey", 1.0, (0, 0, 0), 5)
+    on = effect("interreflection", ball)
+    assert on.on
+    assert "20480 faces are too many to prove" in on.reason
+    assert not effect("interreflection", icosphere("ball", "grey", 1.0, (0, 0, 0), 4)).on
