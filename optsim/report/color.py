@@ -12,7 +12,8 @@ from optsim.cube import Bands
 # Bradford cone responses (Lam 1985, as in ICC.1:2022 annex E) and linear sRGB from XYZ (IEC 61966-2-1).
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 XYZ_TO_RGB = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
-D65 = np.linalg.inv(XYZ_TO_RGB) @ np.ones(3)
+_WHITE = np.linalg.inv(XYZ_TO_RGB) @ np.ones(3)
+D65 = _WHITE / _WHITE[1]
 WHITE_QUANTILE = 0.995
 """The brightest half per cent of pixels, by luminance, is the white of a picture."""
 

@@ -93,7 +93,7 @@ def telling_points(truth: np.ndarray, count: int = 6) -> list[tuple[int, int]]:
     where = where[:: max(1, len(where) // 4000)]
     y, x = where.T
     directions = mean[y, x] / np.maximum(norm[y, x], np.finfo(float).tiny)[:, None]
-    chosen = [int(np.argmax(level[y, x]))]
+    chosen = [int(np.argmax(level[y, x] * (1 + 1e-6 * depth[y, x])))]
     distance = np.full(len(where), np.inf)
     while len(chosen) < min(count, len(where)):
         distance = np.minimum(distance, np.linalg.norm(directions - directions[chosen[-1]], axis=1))
@@ -151,14 +151,14 @@ def figure_spectra(gallery: Gallery, target: str, directory: Path) -> Drawn | No
     return Drawn("spectra", "Spectra of points", caption, alt, png, pdf)
 
 
-def mark(axes: Axes, y: int, x: int, number: int) -> None:
+def mark(axes: Axes, y: int, x: int, number: int, color: str = INK) -> None:
     """Write a number on a picture, readable on any ground."""
     from matplotlib.patheffects import withStroke
 
     axes.plot(x, y, "o", markersize=9, markerfacecolor="none", markeredgecolor="white", markeredgewidth=2.4)
-    axes.plot(x, y, "o", markersize=9, markerfacecolor="none", markeredgecolor=INK, markeredgewidth=1.1)
+    axes.plot(x, y, "o", markersize=9, markerfacecolor="none", markeredgecolor=color, markeredgewidth=1.3)
     effect = [withStroke(linewidth=2.2, foreground="white")]
-    axes.annotate(str(number), (x, y), (6, 5), textcoords="offset points", fontsize=9, fontweight="bold", path_effects=effect)
+    axes.annotate(str(number), (x, y), (6, 5), textcoords="offset points", fontsize=9, fontweight="bold", color=color, path_effects=effect)
 
 
 def band_psnr(cube: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -104,7 +104,11 @@ def findings(run: RunData) -> list[Child]:
 
 def finding(f: Finding) -> list[Child]:
     """Write one finding."""
-    return [tag("h3", f.label), tag("p", f.text), table(f.header, f.rows, caption=None) if f.rows else None]
+    return [
+        tag("h3", f.label),
+        tag("p", f.text),
+        table(f.header, f.rows, numeric_from=2 if f.header[:1] == ("R",) else 1) if f.rows else None,
+    ]
 
 
 def claims(gallery: Gallery) -> list[Child]:

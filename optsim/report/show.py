@@ -100,10 +100,10 @@ def cube_figure(data: xr.Dataset, points: Sequence[tuple[int, int]] | None) -> F
     exposure = exposure_of(cube, bands)
     view.imshow(srgb(cube, bands, exposure), extent=(-0.5, shape[1] - 0.5, shape[0] - 0.5, -0.5))
     words = "sRGB under its own light" if exposure.white is not None else "no visible light: mean radiance as grey"
-    picture(view, f"{shape[0]} × {shape[1]} × {bands.count}, {words}" + (f", every {step}th pixel" if step > 1 else ""))
+    picture(view, f"{shape[0]} × {shape[1]} × {bands.count}, {words}" + (f", one pixel in {step} each way" if step > 1 else ""))
     draw_spectra(plot, data, bands, places)
-    for number, (y, x) in enumerate(places, start=1):
-        mark(view, y, x, number)
+    for number, ((y, x), color) in enumerate(zip(places, POINT_COLORS), start=1):
+        mark(view, y, x, number, color)
     draw_bands(bottom, cube, stderr, bands, index)
     return figure
 
@@ -150,7 +150,10 @@ def frames_figure(data: xr.Dataset) -> Figure:
     shots, channels = min(values.shape[0], MAX_SHOTS), values.shape[1]
     units = str(data.attrs.get("units", "relative"))
     frames = Frames(values, units, cfa)
-    window = finest_window(values[:shots].sum((0, 1))[..., None], 0.16)
+    rows, columns = finest_window(values[:shots].sum((0, 1))[..., None], 0.16)
+    wide = min(values.shape[3], round((rows.stop - rows.start) * values.shape[3] / values.shape[2]))
+    left = min(columns.start, values.shape[3] - wide)
+    window = (rows, slice(left, left + wide))
     pairs = channels if channels > 1 else min(2, shots)
     lines = -(-shots * channels // pairs)
     tall = values.shape[2] / values.shape[3]

@@ -147,34 +147,33 @@ def expectation(run: RunData, recipe: Recipe, target: str) -> Finding:
 
 def tau_finding(run: RunData, main: Recipe, target: str) -> Finding:
     """Say how the ordering and the scores move with the tau of Eq. 4."""
+    label = "How tau changes it"
     penalised = [row for row in run.rows if row.tau_rule is not None and row.model == "matched" and row.target == target]
     if not penalised:
-        return Finding("How tau changes it", "Eq. 4 with a finite tau was not run.")
-    label = recipe_text(main)
-    rows, sentences = [], []
+        return Finding(label, "Eq. 4 with a finite tau was not run.")
+    name = solver_text(main.solver)
+    rows: list[tuple[str, ...]] = []
+    changed: list[str] = []
+    costs: list[tuple[float, str]] = []
     for R in sorted({row.R for row in penalised}):
         reference = scores_at(run, main, target, R)
-        rows.append((ratio_text(R), label, *cells(reference)))
+        if reference:
+            rows.append((ratio_text(R), name, *cells(reference)))
         for solver in dict.fromkeys(row.solver for row in penalised):
             found = {rule: scores_at(run, Recipe("matched", "unit-shift", solver, rule), target, R) for rule in ("oracle", "auto")}
             for rule, scores in found.items():
                 if not scores:
                     continue
-                rows.append((ratio_text(R), f"Eq. 4, {solver_text(solver)}, {rule} tau", *cells(scores)))
-                changed = swaps(reference, scores)
-                verdict = f"changes the ordering ({'; '.join(changed)})" if changed else "keeps the ordering of basis pursuit"
-                verdict = verdict.replace("basis pursuit", solver_text(main.solver))
-                sentences.append(f"At R = {ratio_text(R)} {solver_text(solver)} with the {rule} tau {verdict}.")
-            losses = {
-                s.short: found["oracle"][s.key] - found["auto"][s.key]
-                for s in SERIES
-                if s.key in found["oracle"] and s.key in found["auto"]
-            }
-            if losses:
-                worst = max(losses, key=lambda name: losses[name])
-                cost = f"at most {db(losses[worst])} ({worst})" if side(losses[worst]) > 0 else "less than 0.05 dB"
-                sentences.append(f"Choosing tau without the truth costs {cost} there.")
-    return Finding("How tau changes it", " ".join(sentences), ("R", "mean PSNR, dB", *(s.short for s in SERIES)), tuple(rows))
+                word = "automatic" if rule == "auto" else rule
+                rows.append((ratio_text(R), f"Eq. 4, {solver_text(solver)}, {word} tau", *cells(scores)))
+                changed += [f"with the {word} tau at R = {ratio_text(R)} {swap}" for swap in swaps(reference, scores)]
+            both = [s for s in SERIES if s.key in found["oracle"] and s.key in found["auto"]]
+            costs += [(found["oracle"][s.key] - found["auto"][s.key], f"{s.short}, R = {ratio_text(R)}") for s in both]
+    text = f"Against {name}, {'; '.join(changed)}." if changed else f"The ordering is that of {name} at every tau and R in this table."
+    if costs:
+        cost, where = max(costs)
+        text += f" Choosing tau without the truth costs {f'up to {db(cost)} ({where})' if side(cost) > 0 else 'less than 0.05 dB'}."
+    return Finding(label, text, ("R", "mean PSNR, dB", *(s.short for s in SERIES)), tuple(rows))
 
 
 def cells(scores: dict[str, float]) -> tuple[str, ...]:

@@ -76,13 +76,28 @@ def make_run(
         key = Solve(Capture(rename(target), series.sensor, series.masks, R, model), operator, solver, rule, 0)
         cubes[key] = cube
         rows.append(
-            dict(
-                target=key.capture.target, sensor=series.sensor, masks=series.masks, R=R, shots=round(R * 24 / (1 if series.sensor == "mono" else 3)),
-                model=model, operator=operator, solver=solver, tau=tau, tau_rule=rule, psnr_db=psnr(cube, truth), ssim=0.8 + R / 10,
-                sam_deg=12 - 4 * R, seconds=5.1 + R, iterations=400, stop="relative change below 1e-4", converged=db > 15, seed=0,
-                data_range=float(truth.max()),
-            )
-        )  # fmt: skip
+            {
+                "target": key.capture.target,
+                "sensor": series.sensor,
+                "masks": series.masks,
+                "R": R,
+                "shots": round(R * 24 / (1 if series.sensor == "mono" else 3)),
+                "model": model,
+                "operator": operator,
+                "solver": solver,
+                "tau": tau,
+                "tau_rule": rule,
+                "psnr_db": psnr(cube, truth),
+                "ssim": 0.8 + R / 10,
+                "sam_deg": 12 - 4 * R,
+                "seconds": 5.1 + R,
+                "iterations": 400,
+                "stop": "relative change below 1e-4",
+                "converged": db > 15,
+                "seed": 0,
+                "data_range": float(truth.max()),
+            }
+        )
 
     for target in targets:
         for s in SERIES:
@@ -110,7 +125,7 @@ def make_run(
         wide = np.zeros((shots, channels, size, size + 23))
         for k in range(24):
             wide[..., k : k + size] += truth[..., k] * mask
-        cfa = np.tile([[0, 1], [1, 2]], (size, size))[:size, : size + 23] if capture.sensor == "bayer" else None
+        cfa = np.tile([[0, 1], [1, 2]], (size, size + 23))[:size, : size + 23] if capture.sensor == "bayer" else None
         return Frames(wide, "relative", cfa)
 
     wl = np.arange(400.0, 701, 10)
