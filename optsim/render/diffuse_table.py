@@ -8,62 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from optsim.render.bundle import AllNodes
 from optsim.render.engine import dr, mi
+from optsim.render.materials import DIFFUSE, MaterialTable
 from optsim.render.sampling import FirstNumbers
-from optsim.render.translate import material_number, shape_handle
 
 ROULETTE_FROM = 4
 """Number of reflections after which paths are ended at random."""
-BLACK, DIFFUSE, OTHER = 0, 1, 2
-
-
-class ReflectanceTable:
-    """Hold the reflectances of a scene's diffuse materials where kernels can read them.
-
-    Args:
-        scene: Mitsuba scene of :func:`optsim.render.translate.load`.
-        curves: (materials, n) reflectance at the nodes within [0, 1]; a row of NaN for a material that is not diffuse.
-        largest: (materials,) largest reflectance at any wavelength.
-    """
-
-    def __init__(self, scene: Any, curves: np.ndarray, largest: np.ndarray) -> None:
-        self.nodes = curves.shape[1]
-        self.groups = (self.nodes + 3) // 4
-        plain = np.isfinite(curves).all(1)
-        padded = np.zeros((len(curves) + 1, 4 * self.groups), np.float32)  # the last row is black: lights
-        padded[:-1, : self.nodes] = np.where(plain[:, None], curves, 0)
-        self._values = mi.Float(padded.ravel())
-        self._largest = mi.Float(np.append(np.where(plain, largest, 0), 0).astype(np.float32))
-        self._kind = mi.UInt32(np.append(np.where(plain, np.where(largest > 0, DIFFUSE, BLACK), OTHER), BLACK).astype(np.uint32))
-        shapes = [(shape_handle(s), material_number(s)) for s in scene.shapes()]
-        rows = np.full(max((h for h, _ in shapes), default=0) + 1, len(curves), np.uint32)
-        for handle, number in shapes:
-            if number >= 0:
-                rows[handle] = number
-        self._rows = mi.UInt32(rows)
-
-    def row(self, si: Any, active: Any) -> Any:
-        """Return the row of the material hit."""
-        handle: Any = dr.reinterpret_array(mi.UInt32, si.shape)
-        return dr.gather(mi.UInt32, self._rows, handle, active)
-
-    def is_diffuse(self, row: Any, active: Any) -> Any:
-        """Tell whether the material is diffuse and not black."""
-        return dr.gather(mi.UInt32, self._kind, row, active) == DIFFUSE
-
-    def is_other(self, row: Any, active: Any) -> Any:
-        """Tell whether the material is not diffuse."""
-        return active & (dr.gather(mi.UInt32, self._kind, row, active) == OTHER)
-
-    def largest(self, row: Any, active: Any) -> Any:
-        """Return the material's largest reflectance."""
-        return dr.gather(mi.Float, self._largest, row, active)
-
-    def at(self, row: Any, group: int, active: Any) -> Any:
-        """Return the material's reflectance at the four nodes of a group."""
-        return dr.gather(mi.Spectrum, self._values, row * self.groups + group, active)
 
 
 @dataclass(frozen=True)
@@ -89,29 +40,27 @@ class DiffuseTable:
         search: how light is looked for.
     """
 
-    def __init__(self, scene: Any, table: ReflectanceTable, max_depth: int, search: LightSearch) -> None:
+    def __init__(self, scene: Any, table: MaterialTable, max_depth: int, search: LightSearch) -> None:
         self.scene, self.table, self.search = scene, table, search
-        self.nodes, self.groups = table.nodes, table.groups
+        self.bundle = AllNodes(table)
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
 
-    def prepare(self) -> None:
-        """Do nothing: every node sees the same geometry."""
-
     @dr.syntax
-    def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers) -> Any:
+    def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers, lane: Any) -> Any:
         """Trace one path per thread.
 
         Args:
             ray: camera rays.
             stream: PCG32.
             numbers: evenly spread numbers for the first surface.
+            lane: which of the bundle's lanes each thread follows; here there is one.
 
         Returns:
             transport as ``groups`` spectra of four nodes each, and the share of light cut off by max_depth (an upper bound).
         """
-        scene, table = self.scene, self.table
-        light = [mi.Spectrum(0) for _ in range(self.groups)]
-        weight = [mi.Spectrum(1) for _ in range(self.groups)]
+        scene, table, groups = self.scene, self.table, self.bundle.groups
+        light = [mi.Spectrum(0) for _ in range(groups)]
+        weight = [mi.Spectrum(1) for _ in range(groups)]
         bound, cut = mi.Float(1), mi.Float(0)
         depth = mi.UInt32(0)
         before = dr.zeros(mi.SurfaceInteraction3f)
@@ -124,10 +73,10 @@ class DiffuseTable:
             glow = self._glow(si, before, density, depth, active)
             lit = active & si.is_valid() & (dr.dot(si.n, ray.d) < 0)
             row = table.row(si, lit)
-            more = lit & table.is_diffuse(row, lit) & ((depth + 1) < self.max_depth)
+            more = lit & (table.kind(row, lit) == DIFFUSE) & ((depth + 1) < self.max_depth)
             u, v, s, t = numbers.take(stream, depth == 0)
             direct = self._direct(si, mi.Point2f(u, v), more)
-            for g in range(self.groups):
+            for g in range(groups):
                 light[g] = dr.fma(weight[g], glow, light[g])
                 weight[g] *= table.at(row, g, more)
                 light[g] = dr.fma(weight[g], direct, light[g])
@@ -142,7 +91,7 @@ class DiffuseTable:
             active = more & useful & (stream.next_float32() < survival)
             share: Any = mi.Float(1) / mi.Float(survival)
             bound *= share
-            for g in range(self.groups):
+            for g in range(groups):
                 weight[g] *= share
         return light, cut
 

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from optsim.render.bundle import Bundle
 from optsim.render.engine import dr, mi
 from optsim.render.frame import CameraRays
 from optsim.render.sampling import FirstNumbers, PathSampler, seed_words
@@ -23,15 +24,10 @@ VALUES_A_TILE = 2**26
 class Integrator(Protocol):
     """Trace one path per thread; see :class:`optsim.render.diffuse_table.DiffuseTable`."""
 
-    nodes: int
-    groups: int
+    bundle: Bundle
 
-    def prepare(self) -> None:
-        """Make the scene ready for this integrator's nodes."""
-        ...
-
-    def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers) -> Any:
-        """Return transport as ``groups`` spectra of four nodes and the share of light cut off."""
+    def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers, lane: Any) -> Any:
+        """Return transport as ``groups`` spectra and the share of light cut off."""
         ...
 
 
@@ -49,20 +45,20 @@ def trace(integrator: Integrator, rays: CameraRays, size: tuple[int, int], sampl
         (nodes, height x width) float64 mean transport, and the mean share of light cut off by the depth limit.
     """
     height, width = size
-    total = np.zeros((integrator.nodes, height * width))
+    bundle = integrator.bundle
+    total = np.zeros((bundle.lanes * bundle.nodes, height * width))
     cut = 0.0
-    rows = max(1, min(height, VALUES_A_TILE // (width * integrator.nodes)))
+    rows = max(1, min(height, VALUES_A_TILE // (width * len(total))))
     shift = seed_words(*key, 0)
-    integrator.prepare()
     with dr.suspend_grad():
         for top in range(0, height, rows):
             pixels = slice(top * width, min(top + rows, height) * width)
             for launch, start in enumerate(range(0, samples, SAMPLES_A_LAUNCH)):
                 count = min(SAMPLES_A_LAUNCH, samples - start)
                 sums = _launch(integrator, rays, size, pixels, (start, count), shift, seed_words(*key, launch + 1))
-                for n in range(integrator.nodes):
-                    total[n, pixels] += np.array(sums[n])
-                cut += float(np.sum(np.array(sums[-1]), dtype=np.float64))
+                for n in range(bundle.nodes):
+                    total[n :: bundle.nodes, pixels] += np.array(sums[n]).reshape(bundle.lanes, -1)
+                cut += float(np.sum(np.array(sums[-1]), dtype=np.float64)) / bundle.lanes
     total /= samples
     return total, cut / (samples * height * width)
 
@@ -71,8 +67,12 @@ def trace(integrator: Integrator, rays: CameraRays, size: tuple[int, int], sampl
 def _launch(
     integrator: Any, rays: Any, size: Any, pixels: slice, samples: tuple[int, int], shift: tuple[int, int], words: tuple[int, int]
 ) -> Any:
+    bundle = integrator.bundle
     height, width = (dr.opaque(mi.UInt32, side) for side in size)
-    pixel = dr.arange(mi.UInt32, pixels.stop - pixels.start) + dr.opaque(mi.UInt32, pixels.start)
+    count = pixels.stop - pixels.start
+    thread = dr.arange(mi.UInt32, bundle.lanes * count)
+    lane = thread // dr.opaque(mi.UInt32, count)
+    pixel = thread - lane * dr.opaque(mi.UInt32, count) + dr.opaque(mi.UInt32, pixels.start)
     column, row = mi.Float(pixel % width), mi.Float(pixel // width)
     sampler = PathSampler(pixel, shift, words)
     stream = sampler.stream
@@ -80,7 +80,7 @@ def _launch(
         mi.Vector3f(*[dr.opaque(mi.Float, float(x)) for x in getattr(rays, name)])
         for name in ("start", "start_a", "start_b", "forward", "turn_a", "turn_b")
     )
-    sums = [mi.Spectrum(0) for _ in range(integrator.groups)]
+    sums = [bundle.dark() for _ in range(bundle.groups)]
     cut = mi.Float(0)
     index = dr.opaque(mi.UInt32, samples[0])
     stop = dr.opaque(mi.UInt32, samples[0] + samples[1])
@@ -89,11 +89,11 @@ def _launch(
         a = 2 * (column + x) / mi.Float(width) - 1
         b = 2 * (row + y) / mi.Float(height) - 1
         ray = mi.Ray3f(mi.Point3f(start + a * start_a + b * start_b), dr.normalize(forward + a * turn_a + b * turn_b))
-        light, lost = integrator.radiance(ray, stream, numbers)
-        for g in range(integrator.groups):
+        light, lost = integrator.radiance(ray, stream, numbers, lane)
+        for g in range(bundle.groups):
             sums[g] += light[g]
         cut += lost
         index += 1
-    flat = [sums[n // 4][n % 4] for n in range(integrator.nodes)]
+    flat = bundle.split(sums)
     dr.eval(flat, cut)
     return [*flat, cut]

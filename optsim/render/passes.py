@@ -114,7 +114,7 @@ def _standing(task: Renderable, state: State) -> tuple[float, float | None]:
     error = task.error(state.groups) if state.passes > 1 else None
     target = task.settings.target
     if target is None:
-        return state.passes / sample_plan(task.settings.samples_per_pixel or 1, task.pixels)[0], error
+        return state.passes / sample_plan(task)[0], error
     if state.passes < MIN_PASSES or error is None:
         return 0.0, error
     return 1.0 if error <= target else min(0.99, (target / error) ** 2), error
@@ -150,8 +150,12 @@ def _finished(task: Renderable, state: State) -> bool:
     return False
 
 
-def sample_plan(samples: int, pixels: int) -> tuple[int, int]:
-    """Split a number of samples a pixel into (passes, samples of a pass): at least 4 passes if it can be, none over 2^28 paths."""
+def sample_plan(task: Renderable) -> tuple[int, int]:
+    """Split the samples a pixel asked for into (passes, samples of a pass), rounded up.
+
+    At least 4 passes if there are as many samples, and none over 2^28 paths.
+    """
+    samples, pixels = task.settings.samples_per_pixel or 1, task.pixels
     passes = PASSES_PLANNED if samples >= 64 else MIN_PASSES
     passes = min(samples, max(passes, -(-samples * pixels // MAX_PATHS_A_PASS)))
     return passes, -(-samples // passes)
@@ -160,7 +164,7 @@ def sample_plan(samples: int, pixels: int) -> tuple[int, int]:
 def _resume(task: Renderable, checkpoint: Path | None, digest: str) -> State:
     settings = task.settings
     if settings.target is None:
-        state = State(task.empty(), sample_plan(settings.samples_per_pixel or 1, task.pixels)[1])
+        state = State(task.empty(), sample_plan(task)[1])
     else:
         state = State(task.empty(), min(PILOT_SAMPLES, settings.max_samples // MIN_PASSES))
     kept = replicates.load(checkpoint, digest) if checkpoint is not None else None

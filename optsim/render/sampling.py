@@ -54,7 +54,11 @@ class PathSampler:
 
 
 class FirstNumbers:
-    """Hold the evenly spread numbers that a path's first smooth surface uses; later surfaces draw from the stream."""
+    """Hold the evenly spread numbers that a path's first smooth surface uses; later surfaces draw from the stream.
+
+    Args:
+        numbers: four floats in [0, 1).
+    """
 
     def __init__(self, numbers: list[Any]) -> None:
         self._numbers = numbers

@@ -1,20 +1,19 @@
-"""Transport with any material: one path carries all wavelengths, because no direction is chosen by wavelength.
+"""Transport with any material: one path carries all wavelengths as long as no direction depends on wavelength.
 
-Diffuse surfaces answer from a table; Mitsuba's BSDFs of the other surfaces are evaluated at every node along the same path, four
-nodes at a time. Valid for every material here except glass with an Abbe number, whose refraction depends on wavelength: for
-it the nodes are followed one by one, with the index of each (:class:`DispersivePath`).
+Diffuse surfaces and glass answer from a table; Mitsuba's BSDFs of the other surfaces are evaluated at every node along the same path,
+four nodes at a time. Glass with an Abbe number bends every wavelength another way: then each node follows paths of its own
+(:class:`optsim.render.bundle.OneNode`), by the same rules and with the same random numbers.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from optsim.render.diffuse_table import ROULETTE_FROM, ReflectanceTable, power_share
+from optsim.render.bundle import Bundle
+from optsim.render.diffuse_table import ROULETTE_FROM, power_share
 from optsim.render.engine import dr, mi
+from optsim.render.materials import DIFFUSE, GLASS, OTHER, MaterialTable
 from optsim.render.sampling import FirstNumbers
-from optsim.render.translate import NODE_OFFSET
 
 
 class SharedPath:
@@ -22,31 +21,21 @@ class SharedPath:
 
     Args:
         scene: Mitsuba scene of :func:`optsim.render.translate.load` with :func:`optsim.render.translate.at_nodes`, lights `uniform`.
-        table: reflectances of the diffuse materials at the nodes to evaluate.
-        first: number of the first of these nodes.
+        table: its materials at the nodes to evaluate.
+        bundle: what a path carries: all nodes, or one where glass disperses.
         max_depth: emission plus at most max_depth - 1 reflections or refractions.
-        coloured: False when no material but the diffuse ones depends on wavelength: then one evaluation serves all nodes.
     """
 
-    def __init__(self, scene: Any, table: ReflectanceTable, first: int, max_depth: int, coloured: bool) -> None:
-        self.scene, self.table = scene, table
-        self.nodes, self.groups = table.nodes, table.groups
+    def __init__(self, scene: Any, table: MaterialTable, bundle: Bundle, max_depth: int) -> None:
+        self.scene, self.table, self.bundle = scene, table, bundle
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
-        numbers = NODE_OFFSET + first + np.minimum(np.arange(4 * self.groups), self.nodes - 1)
-        fours = numbers.reshape(-1, 4) if coloured else numbers[None, :4]
-        self._numbers = [[dr.opaque(mi.Float, float(x)) for x in four] for four in fours]
-
-    def prepare(self) -> None:
-        """Do nothing: every node sees the same geometry."""
 
     @dr.syntax
-    def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers) -> Any:
+    def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers, lane: Any) -> Any:
         """Trace one path per thread; arguments and result as of ``DiffuseTable.radiance``."""
-        scene, table = self.scene, self.table
-        context = mi.BSDFContext()
-        wavelengths = [mi.Spectrum(*four) for four in self._numbers]
-        light = [mi.Spectrum(0) for _ in range(self.groups)]
-        weight = [mi.Spectrum(1) for _ in range(self.groups)]
+        scene, table, bundle = self.scene, self.table, self.bundle
+        light = [bundle.dark() for _ in range(bundle.groups)]
+        weight = [bundle.dark() + 1 for _ in range(bundle.groups)]
         index, cut = mi.Float(1), mi.Float(0)
         depth, fresh = mi.UInt32(0), mi.Bool(True)
         before = dr.zeros(mi.SurfaceInteraction3f)
@@ -55,38 +44,41 @@ class SharedPath:
         while active:
             si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=(depth == 0))
             glow = self._glow(si, before, density, sharp, active)
-            more = active & si.is_valid() & ((depth + 1) < self.max_depth)
-            row = table.row(si, more)
-            diffuse = more & table.is_diffuse(row, more) & (si.wi.z > 0)
-            other = more & table.is_other(row, more)
-            bsdf = si.bsdf(ray)
-            smooth = diffuse | (other & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
+            hit = active & si.is_valid() & ((depth + 1) < self.max_depth)
+            row = table.row(si, hit)
+            kind = table.kind(row, hit)
+            diffuse = hit & (kind == DIFFUSE) & (si.wi.z > 0)
+            glass, other = hit & (kind == GLASS), hit & (kind == OTHER)
+            smooth = diffuse | self._smooth(si, ray, other)
             u, v, s, t = numbers.take(stream, fresh)
             fresh &= ~smooth
+            pick = stream.next_float32()
             sample, emission = scene.sample_emitter_direction(si, mi.Point2f(u, v), True, smooth)
             smooth &= sample.pdf != 0
             toward = si.to_local(sample.d)
-            found = self._scatter(bsdf, context, si, wavelengths, toward, stream.next_float32(), mi.Point2f(s, t), other)
-            chosen = found[0][2]
+            found = self._scatter(si, ray, lane, toward, pick, mi.Point2f(s, t), other)
+            bent, passed, step = self._refract(si, table.index(row, lane, glass), pick)
             lambert = dr.maximum(toward.z, 0) * dr.inv_pi
             by_scatter = dr.select(diffuse, lambert, found[0][1])
             direct = dr.select(smooth, emission[0] * dr.select(sample.delta, 1, power_share(sample.pdf, by_scatter)), 0)
-            for g in range(self.groups):
-                value, _, _, passed = found[min(g, len(found) - 1)]
-                reflected = table.at(row, g, diffuse)
+            for g in range(bundle.groups):
+                reflected = bundle.reflectance(row, g, lane, diffuse)
+                value, _, _, weighed = found[min(g, len(found) - 1)]
                 light[g] = dr.fma(weight[g], glow + dr.select(diffuse, reflected * lambert, value) * direct, light[g])
-                weight[g] *= dr.select(diffuse, reflected, passed)
+                weight[g] *= dr.select(diffuse, reflected, dr.select(glass, passed, weighed))
             bounce = mi.warp.square_to_cosine_hemisphere(mi.Point2f(s, t))
-            ray = si.spawn_ray(si.to_world(dr.select(diffuse, bounce, chosen.wo)))
-            index = dr.select(other, index * chosen.eta, index)
+            chosen = found[0][2]
+            ray = si.spawn_ray(si.to_world(dr.select(diffuse, bounce, dr.select(glass, bent, chosen.wo))))
+            index = dr.select(glass, index * step, index)
             before, density = si, dr.select(diffuse, bounce.z * dr.inv_pi, chosen.pdf)
-            sharp = other & mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
+            sharp = glass | (other & mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta))
             depth += 1
-            left = self._largest(weight) * index * index
-            cut = dr.select((diffuse | other) & (depth + 1 >= self.max_depth), left, cut)
+            left = bundle.largest(weight) * index * index
+            going = diffuse | glass | other
+            cut = dr.select(going & (depth + 1 >= self.max_depth), left, cut)
             survival = dr.select(depth >= ROULETTE_FROM, dr.minimum(left, 1), 1)
-            active = (diffuse | other) & (left > 0) & (stream.next_float32() < survival)
-            for g in range(self.groups):
+            active = going & (left > 0) & (stream.next_float32() < survival)
+            for g in range(bundle.groups):
                 weight[g] = dr.select(active, weight[g] / survival, weight[g])
         return light, cut
 
@@ -97,40 +89,29 @@ class SharedPath:
         by_light = self.scene.pdf_emitter_direction(before, sample, active & ~sharp)
         return own * dr.select(sharp, 1, power_share(density, by_light))
 
-    def _scatter(self, bsdf: Any, context: Any, si: Any, wavelengths: Any, toward: Any, pick: Any, turn: Any, active: Any) -> list[Any]:
-        """Evaluate and sample the BSDF at each group of nodes with the same random numbers: (value, pdf, sample, weight) each."""
-        found = []
-        for four in wavelengths:
+    def _smooth(self, si: Any, ray: Any, other: Any) -> Any:
+        """Tell whether the surface scatters light into more than single directions."""
+        if not self.table.has_other:
+            return mi.Bool(False)
+        return other & mi.has_flag(si.bsdf(ray).flags(), mi.BSDFFlags.Smooth)
+
+    def _scatter(self, si: Any, ray: Any, lane: Any, toward: Any, pick: Any, turn: Any, active: Any) -> list[Any]:
+        """Evaluate and sample Mitsuba's BSDF at each group of nodes with the same random numbers: (value, pdf, sample, weight)."""
+        if not self.table.has_other:
+            return [(self.bundle.dark(), mi.Float(0), dr.zeros(mi.BSDFSample3f), self.bundle.dark())]
+        bsdf, context, found = si.bsdf(ray), mi.BSDFContext(), []
+        for four in self.bundle.wavelengths(lane):
             si.wavelengths = four
-            found.append(bsdf.eval_pdf_sample(context, si, toward, pick, turn, active))
+            value, density, chosen, passed = bsdf.eval_pdf_sample(context, si, toward, pick, turn, active)
+            found.append((self.bundle.own(value), density, chosen, self.bundle.own(passed)))
         return found
 
-    def _largest(self, weight: Any) -> Any:
-        most = dr.max(weight[0])
-        for more in weight[1:]:
-            most = dr.maximum(most, dr.max(more))
-        return most
-
-
-class DispersivePath(SharedPath):
-    """Follow one node, with the refractive indices of that wavelength; the kernel is compiled once for all nodes.
-
-    Args:
-        scene: as above, shared by all nodes of a render.
-        table: as above, of the one node.
-        node: number of the node.
-        max_depth: as above.
-        coloured: as above.
-        indices: refractive index at this node of each dispersive glass, by Mitsuba's parameter name.
-    """
-
-    def __init__(self, scene: Any, table: ReflectanceTable, node: int, max_depth: int, coloured: bool, indices: dict[str, float]) -> None:
-        super().__init__(scene, table, node, max_depth, coloured)
-        self._indices = indices
-
-    def prepare(self) -> None:
-        """Set the glasses' indices in the scene."""
-        parameters = mi.traverse(self.scene)
-        for name, index in self._indices.items():
-            parameters[name] = index
-        parameters.update()
+    def _refract(self, si: Any, index: Any, pick: Any) -> Any:
+        """Reflect or refract at smooth glass by Fresnel's equations: (direction, weight of the radiance, relative index passed)."""
+        if not self.table.has_glass:
+            return mi.Vector3f(0), mi.Float(0), mi.Float(1)
+        reflectance, cosine, step, back = mi.fresnel(si.wi.z, index)
+        mirror = pick < reflectance
+        bent = mi.refract(si.wi, cosine, back)
+        direction = dr.select(mirror, mi.reflect(si.wi), bent)
+        return direction, dr.select(mirror, 1, back * back), dr.select(mirror, 1, step)

@@ -7,21 +7,21 @@ from typing import Any
 import numpy as np
 
 from optsim.cube import Bands
-from optsim.render.diffuse_table import DiffuseTable, LightSearch, ReflectanceTable
-from optsim.render.engine import mi
+from optsim.render.bundle import AllNodes, OneNode
+from optsim.render.diffuse_table import DiffuseTable, LightSearch
 from optsim.render.estimate import relative_errors
 from optsim.render.frame import camera_rays, frame_of
 from optsim.render.kernel import trace
+from optsim.render.materials import MaterialTable
 from optsim.render.needs import explain
 from optsim.render.replicates import Replicates
 from optsim.render.settings import RenderSettings
-from optsim.render.shared_path import DispersivePath, SharedPath
-from optsim.render.spectral import light_groups, material_spectra, transport_nodes
+from optsim.render.shared_path import SharedPath
+from optsim.render.spectral import light_groups, transport_nodes
 from optsim.render.translate import at_nodes, bsdf, load, plain, uniform
 from scenes.lights import AreaLight, ConstantSky
 from scenes.materials import Dielectric, Diffuse, Material
 from scenes.scene import Scene
-from scenes.visibility import used_materials
 
 NODES_A_KERNEL = 48
 """More nodes than this are rendered in several kernels that follow the same paths."""
@@ -59,7 +59,7 @@ class Transport:
         self.max_depth = settings.max_depth or self.needs.max_depth
         self._exact_depth = linear and self.max_depth >= 2
         self._rays = camera_rays(scene, self.frame, *film)
-        self.route = "diffuse table" if self.needs.all_diffuse else "dispersive path" if self.needs.dispersive else "shared path"
+        self.route = "diffuse table" if self.needs.all_diffuse else "path per node" if self.needs.dispersive else "shared path"
         self._integrators = [self._build(group.lights, group.strengths) for group in self.groups]
 
     def empty(self) -> list[Replicates]:
@@ -80,51 +80,23 @@ class Transport:
 
     def _build(self, lights: tuple[int, ...], strengths: tuple[float, ...]) -> list[Any]:
         emission = {i: uniform(strength) for i, strength in zip(lights, strengths)}
-        per_kernel = 1 if self.needs.dispersive else NODES_A_KERNEL
-        chunks = np.array_split(self.nodes, -(-self.nodes.size // per_kernel))
-        if self.needs.all_diffuse:
-            engine = load(self.scene, self.frame, emission, plain)
-            only_sky = all(isinstance(self.scene.lights[i], ConstantSky) for i in lights)
-            search = LightSearch(sample=not only_sky, hit=only_sky or scattered_rays_seek_lights(self.scene, lights))
-            return [DiffuseTable(engine, reflectance_table(self.scene, engine, c), self.max_depth, search) for c in chunks]
         spectrum = at_nodes(self.nodes)
 
         def surface(material: Material) -> dict[str, Any]:
-            return plain(material) if isinstance(material, Diffuse) else bsdf(material, spectrum)
+            return plain(material) if isinstance(material, Diffuse | Dielectric) else bsdf(material, spectrum)
 
         engine = load(self.scene, self.frame, emission, surface)
-        tables = [reflectance_table(self.scene, engine, c) for c in chunks]
-        coloured = any(material_spectra(m) for m in used_materials(self.scene).values() if not isinstance(m, Diffuse))
         if self.needs.dispersive:
-            indices = _dispersive_indices(self.scene, engine, self.nodes)
-            own = [{name: float(n[i]) for name, n in indices.items()} for i in range(self.nodes.size)]
-            return [DispersivePath(engine, t, i, self.max_depth, coloured, own[i]) for i, t in enumerate(tables)]
-        starts = np.cumsum([0] + [c.size for c in chunks])
-        return [SharedPath(engine, t, int(start), self.max_depth, coloured) for start, t in zip(starts, tables)]
-
-
-def _dispersive_indices(scene: Scene, engine: Any, nodes_nm: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the refractive index at each node of every glass with an Abbe number, by the name of Mitsuba's parameter."""
-    found: dict[str, np.ndarray] = {}
-    names = list(mi.traverse(engine).keys())
-    for number, material in enumerate(scene.materials.values()):
-        if isinstance(material, Dielectric) and material.abbe is not None:
-            found |= {name: material.index_at(nodes_nm) for name in names if name.startswith(f"{number}_") and name.endswith(".eta")}
-    return found
-
-
-def reflectance_table(scene: Scene, engine: Any, nodes_nm: np.ndarray) -> ReflectanceTable:
-    """Tabulate the scene's diffuse materials at the nodes; black for what no shape is made of."""
-    curves = np.zeros((len(scene.materials), nodes_nm.size))
-    largest = np.zeros(len(scene.materials))
-    used = used_materials(scene)
-    for i, (name, material) in enumerate(scene.materials.items()):
-        if isinstance(material, Diffuse):
-            if name in used:
-                curves[i], largest[i] = material.reflectance.at(nodes_nm), material.reflectance.maximum
-        else:
-            curves[i] = np.nan
-    return ReflectanceTable(engine, curves, largest)
+            table = MaterialTable(self.scene, engine, self.nodes, 0, self.nodes.size)
+            return [SharedPath(engine, table, OneNode(table), self.max_depth)]
+        chunks = np.array_split(np.arange(self.nodes.size), -(-self.nodes.size // NODES_A_KERNEL))
+        tables = [MaterialTable(self.scene, engine, self.nodes, int(c[0]), c.size) for c in chunks]
+        if not self.needs.all_diffuse:
+            table = MaterialTable(self.scene, engine, self.nodes, 0, self.nodes.size)
+            return [SharedPath(engine, table, AllNodes(table), self.max_depth) for table in tables]
+        only_sky = all(isinstance(self.scene.lights[i], ConstantSky) for i in lights)
+        search = LightSearch(sample=not only_sky, hit=only_sky or scattered_rays_seek_lights(self.scene, lights))
+        return [DiffuseTable(engine, table, self.max_depth, search) for table in tables]
 
 
 def scattered_rays_seek_lights(scene: Scene, lights: tuple[int, ...]) -> bool:
