@@ -3,32 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from optsim.report.data import RunData
 from optsim.report.figures import draw_figures
 from optsim.report.page import render_page
-from optsim.report.style import Drawn
-from optsim.report.verdict import Verdict, make_verdict
 
 
-@dataclass(frozen=True)
-class Report:
-    """Hold what was written: the page, its figures, and the verdict for a console."""
-
-    page: Path
-    figures: tuple[Drawn, ...]
-    verdict: Verdict
-
-
-def write_report(run: RunData, directory: Path, progress: Callable[[str, int, int], None] | None = None) -> Report:
-    """Draw DIR/figures/*.png and *.pdf and write DIR/report.html; older ones are replaced.
+def write_report(run: RunData, directory: Path, progress: Callable[[str, int, int], None] | None = None) -> Path:
+    """Draw DIR/figures/*.png and *.pdf, write DIR/report.html and return its path; older ones are replaced.
 
     Args:
         run: what the run found; pieces that are missing are named on the page.
         directory: made if absent.
-        progress: called with (what, done, total) before each step.
+        progress: called with (what, done, total) before each figure.
 
     Raises:
         InputError: when an estimate is not finite or of another shape than its truth.
@@ -39,4 +27,4 @@ def write_report(run: RunData, directory: Path, progress: Callable[[str, int, in
     unfinished = directory / ".report.html.tmp"
     unfinished.write_text(render_page(run, drawn), "utf-8")
     unfinished.replace(page)
-    return Report(page, drawn, make_verdict(run))
+    return page
