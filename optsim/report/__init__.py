@@ -1,21 +1,20 @@
 """Figures, one offline page and quick pictures: what a run found, in numbers that the run computed.
 
-``write_report`` and ``show`` load matplotlib when first called; ``optsim.report.data`` is the contract with the study.
+``write_report`` loads matplotlib when first called; ``optsim.report.data`` is the contract with the study, and
+``optsim.report.show.show`` draws one file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from optsim.report.data import RunData
     from optsim.report.verdict import Verdict
 
-__all__ = ["make_verdict", "show", "write_report"]
+__all__ = ["make_verdict", "write_report"]
 
 
 def write_report(run: RunData, directory: Path, progress: Callable[[str, int, int], None] | None = None) -> Path:
@@ -30,10 +29,3 @@ def make_verdict(run: RunData) -> Verdict:
     from optsim.report import verdict
 
     return verdict.make_verdict(run)
-
-
-def show(data: xr.Dataset, out: Path, points: Sequence[tuple[int, int]] | None = None) -> Path:
-    """Draw a cube, an estimate or frames into a PNG: see :func:`optsim.report.show.show`."""
-    from optsim.report import show as module
-
-    return module.show(data, out, points)

@@ -16,7 +16,6 @@ from optsim.report.html import Markup, tag
 from optsim.report.page import COLUMNS, asset, render_page
 from optsim.report.style import styled
 
-
 VOID = {"meta", "img", "br", "hr", "input", "col"}
 HOSTILE = "</title><script>alert('x')</script>\"'&<img src=x onerror=alert(1)>"
 
