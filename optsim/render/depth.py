@@ -13,7 +13,7 @@ MAX_DEPTH = 1024
 def depth_for(scene: Scene, once: bool, tolerance: float) -> int:
     """Return max_depth: 2 where light is reflected once at most, else so many that what is cut off stays below tolerance / 10.
 
-    In a closed room of reflectance rho the share beyond depth d is rho^d (theory.md R.29): the bound used here.
+    In a closed room of reflectance rho the share beyond depth d is rho^d (theory.md (R.29)): the bound used here.
     """
     if once:
         return 2

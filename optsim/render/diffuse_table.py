@@ -19,7 +19,7 @@ ROULETTE_FROM = 4
 
 @dataclass(frozen=True)
 class LightSearch:
-    """Say how paths find light (theory.md R.26).
+    """Say how paths find light (theory.md (R.26)).
 
     Args:
         sample: aim a ray at a light from each surface: without it a lamp is found by chance only; the sky needs no aiming.

@@ -16,7 +16,7 @@ def relative_errors(groups: list[Replicates], weights: list[np.ndarray]) -> np.n
     """Estimate each band's RMS standard error over the picture, divided by the band's mean radiance.
 
     Node errors are added as if fully correlated within a group, which they nearly are, as one path carries all nodes: an upper
-    bound. Groups are independent (theory.md R.28). A black band has error 0.
+    bound. Groups are independent (theory.md (R.28)). A black band has error 0.
 
     Args:
         groups: replicates of shape (n, pixels), at least two each.
@@ -31,7 +31,7 @@ def relative_errors(groups: list[Replicates], weights: list[np.ndarray]) -> np.n
 
 
 def band_radiance(groups: list[Replicates], weights: list[np.ndarray], pixels: int) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return (pixels, K) radiance and standard error (None with a single pass), theory.md R.24 and R.28.
+    """Return (pixels, K) radiance and standard error (None with a single pass), theory.md (R.24) and (R.28).
 
     They are float32, or float64 when the picture is so dim or so bright that float32 would lose it.
     """

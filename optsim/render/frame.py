@@ -1,7 +1,7 @@
 """Rescale and recentre a scene for the renderer, and aim the camera in those coordinates.
 
 Radiance does not change with the scale of a scene, but the renderer's float32 ray offsets do not shrink with it: a chart
-of 0.1 mm would lose its shadows. So everything is rendered about one unit large, near the origin (theory.md R.21).
+of 0.1 mm would lose its shadows. So everything is rendered about one unit large, near the origin (theory.md (R.21)).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Random numbers for paths: a randomly shifted Kronecker sequence for the first dimensions, PCG32 for the rest.
 
 Kronecker points fill the square of pixel and light far more evenly than random ones; each pass shifts them anew in each
-pixel, so that passes are independent replicates and their scatter is an honest standard error (theory.md R.27).
+pixel, so that passes are independent replicates and their scatter is an honest standard error (theory.md (R.27)).
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ class LightGroup:
     strengths: tuple[float, ...]
 
     def weights(self, nodes_nm: np.ndarray, bands: Bands) -> np.ndarray:
-        """Return the (K, n) float64 matrix that takes transport at the nodes to mean radiance of the bands (theory.md R.24)."""
+        """Return the (K, n) float64 matrix that takes transport at the nodes to mean radiance of the bands (theory.md (R.24))."""
         return self.spectrum.hat_weights(nodes_nm, bands.lower, bands.upper)
 
 
