@@ -123,3 +123,37 @@ def gram_rows(
                                     _add_scaled(
                                         pair * response[c, k] * response[e, k], both[a:b], out[m, l * channels + c, i * channels + e, u:v]
                                     )
+
+
+@njit(nogil=True, cache=True, fastmath=FAST)
+def descend_rows(
+    first: int, last: int, x: Any, old: Any, seen_old: Any, beta: Any, step: Any, frames: Any, masks: Any, response: Any, tile: Any,
+    tile_of: Any, start: Any, taps: Any, sums: Any,
+) -> None:  # fmt: skip
+    """Take FISTA's gradient step on the rows ``first..last``: ``old = y + step H^T (g - H y)``, ``y = x + beta (x - old)``.
+
+    ``seen_old`` holds ``H old`` and gets ``H x``; ``sums[m]`` gets ``||g - H x||^2`` of the row.
+    """
+    band_major = (x.shape[0], 1, x.shape[2])
+    back = np.empty(band_major, x.dtype)
+    shots, channels, width = frames.shape[0], frames.shape[1], frames.shape[3]
+    seen = np.empty((shots, channels, 1, width), x.dtype)
+    left = np.empty((shots, channels, 1, width), x.dtype)
+    for m in range(first, last):
+        mask, of = masks[:, m : m + 1], tile_of[m : m + 1]
+        forward_rows(0, 1, x[:, m : m + 1], mask, response, tile, of, start, taps, seen)
+        misfit = 0.0
+        for l in range(shots):
+            for c in range(channels):
+                g, now, before, rest = frames[l, c, m], seen[l, c, 0], seen_old[l, c, m], left[l, c, 0]
+                for j in range(width):
+                    gap = g[j] - now[j]
+                    misfit += gap * gap
+                    rest[j] = gap - beta * (now[j] - before[j])
+                    before[j] = now[j]
+        sums[m] = misfit
+        adjoint_rows(0, 1, left, mask, response, tile, of, start, taps, back)
+        for k in range(x.shape[0]):
+            new, here, last_row = back[k, 0], x[k, m], old[k, m]
+            for n in range(new.size):
+                last_row[n] = here[n] + beta * (here[n] - last_row[n]) + step * new[n]

@@ -5,7 +5,7 @@ from pydantic import Field
 from recon.coded_aperture import CodedAperture
 from recon.config import Config
 from recon.data_step import data_step
-from recon.problem import Found, OnIteration, Problem
+from recon.problem import Found, OnIteration, Problem, first_guess
 from recon.solution import Stop
 from recon.splitting import Levels, Limits, State, project, split
 
@@ -34,7 +34,7 @@ class BasisPursuit(Config):
     def solve(self, problem: Problem, on_iteration: OnIteration | None = None) -> Found:
         """Solve; ``on_iteration(iteration, ||theta||_1)``, in the caller's units."""
         if self.max_iterations == 0:
-            return first_guess(problem, None)
+            return first_guess(problem, None, None)
         step = data_step(problem.operator, problem.exact_frames, 0.0)
         rule = Levels()
         levels = Levels(rule.start * self.gamma, rule.end * self.gamma, rule.decay)
@@ -45,16 +45,7 @@ class BasisPursuit(Config):
 
         limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
         state, stop = split(problem, lambda level: step, levels, self.relax, limits, on_iteration=report)
-        return Found(project(step, state.x), state.iterations, _explained(problem, stop))
-
-
-def first_guess(problem: Problem, tau: float | None) -> Found:
-    """Return the start (or zero) for ``max_iterations = 0``."""
-    from recon.coded_aperture import empty_cube
-
-    cube = empty_cube(tuple(problem.operator.in_shape), problem.operator.dtype)
-    cube[...] = 0 if problem.start is None else problem.start
-    return Found(cube, 0, Stop("max_iterations = 0: this is the first guess; raise max_iterations", False), tau)
+        return Found(project(step, state.x), state.iterations, _explained(problem, stop), notes=step.notes)
 
 
 def _explained(problem: Problem, stop: Stop) -> Stop:

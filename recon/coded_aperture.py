@@ -108,6 +108,17 @@ class CodedAperture:
         threads.run(kernels.adjoint_rows, self.in_shape[0], frames, *self._arguments, cube.transpose(2, 0, 1))
         return cube
 
+    def descend(self, x: np.ndarray, old: np.ndarray, seen_old: np.ndarray, beta: float, step: float, frames: np.ndarray) -> float:
+        """Take FISTA's gradient step in one pass over the rows.
+
+        Sets ``old = y + step H^T (g - H y)`` with ``y = x + beta (x - old)``, ``seen_old = H x``, and returns ``||g - H x||^2``.
+        """
+        real, sums = self.dtype.type, np.zeros(self.in_shape[0])
+        cubes = (x.transpose(2, 0, 1), old.transpose(2, 0, 1))
+        arguments = (*cubes, seen_old, real(beta), real(step), frames, *self._arguments, sums)
+        threads.run(kernels.descend_rows, self.in_shape[0], *arguments)
+        return float(sums.sum())
+
     def gram(self, offset: int = 0, rows: slice = slice(None)) -> np.ndarray:
         """Return the blocks of H H^T between sensor columns j and j + offset: (rows, S, S, W) float64 (theory.md (S.5)).
 

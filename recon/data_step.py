@@ -10,9 +10,10 @@ import numpy as np
 
 from recon import aperture_kernels, threads
 from recon.coded_aperture import CodedAperture
-from recon.operator import LinearOperator
+from recon.operator import LinearOperator, norm_squared
 
 CUTOFF = 1e-6  # eigenvalues of a block below this part of its largest count as 0 when rho = 0
+EXACT = 1e-12  # below this part of the largest an eigenvalue is a zero with rounding
 FAINT = 1e-12  # and below this part of the largest of all blocks
 ROWS_AT_ONCE = 16
 
@@ -27,7 +28,12 @@ class Sums(NamedTuple):
 
 
 class DataStep(Protocol):
-    """The data half of a splitting iteration, on band-major arrays (K, M, N)."""
+    """The data half of a splitting iteration, on band-major arrays (K, M, N).
+
+    ``notes`` are sentences about the conditioning that a user should read.
+    """
+
+    notes: tuple[str, ...]
 
     def advance(self, z: np.ndarray, w: np.ndarray, x: np.ndarray, relax: float, ratio: float = 1.0) -> Sums:
         """Set ``z += relax (w - x)``, ``x = step(z)``, ``z = x + ratio (z - x)`` and ``w = 2 x - z``."""
@@ -61,10 +67,12 @@ class BlockStep:
         self._kernel = step_kernels.advance_rows
         masks, merged = _merge_repeats(operator.masks, frames)
         response = operator.response * operator.taps[:, 0]
+        notes: list[str] = []
         if rho == 0:
-            response, merged = _whiten(response, operator.mosaic, merged)
+            response, merged = _whiten(response, operator.mosaic, merged, notes)
         tile, tile_of = mosaic_tile(response, operator.mosaic, operator.in_shape[0])
-        inverse = _inverse_blocks((masks, response, tile, tile_of, operator.first_column), merged.shape, rho, operator.dtype)
+        inverse = _inverse_blocks((masks, response, tile, tile_of, operator.first_column), merged.shape, rho, operator.dtype, notes)
+        self.notes = tuple(notes)
         arrays = (np.ascontiguousarray(a, operator.dtype) for a in (merged, masks, response, tile))
         self._arguments = (*arrays, tile_of, operator.first_column, inverse)
         self._sums = np.zeros((operator.in_shape[0], 4))
@@ -83,6 +91,7 @@ class ConjugateStep:
         from recon import step_kernels
 
         self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
+        self.notes: tuple[str, ...] = ()
         self._operator, self._rho = operator, rho
         self._tolerance, self._iterations = tolerance, iterations
         self._frames = frames.astype(operator.dtype)
@@ -139,18 +148,22 @@ def _merge_repeats(masks: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, n
     return kept, np.stack([w * frames[shots].mean(0) for w, shots in zip(weight, groups.values())])
 
 
-def _whiten(response: np.ndarray, mosaic: np.ndarray | None, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _whiten(response: np.ndarray, mosaic: np.ndarray | None, frames: np.ndarray, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
     if mosaic is not None:
         size = np.linalg.norm(response, axis=1)
         size[size == 0] = 1
         return response / size[:, None], frames / size[mosaic]
     u, s, vt = np.linalg.svd(response, full_matrices=False)
     rank = int((s > CUTOFF * s[0]).sum())
+    if s[rank - 1] > 0 and rank < s.size and s[rank] > EXACT * s[0]:
+        notes.append(
+            f"the {s.size} response curves are nearly dependent (condition {s[0] / s[-1]:.1e}): only {rank} mixes of them were used"
+        )
     mix = u[:, :rank].T / s[:rank, None]
     return np.ascontiguousarray(vt[:rank]), np.einsum("pc,lcmj->lpmj", mix, frames)
 
 
-def _inverse_blocks(exact: tuple[np.ndarray, ...], shape: tuple[int, ...], rho: float, dtype: Any) -> np.ndarray:
+def _inverse_blocks(exact: tuple[np.ndarray, ...], shape: tuple[int, ...], rho: float, dtype: Any, notes: list[str]) -> np.ndarray:
     from recon import step_kernels
 
     shots, channels, rows, width = shape
@@ -158,12 +171,15 @@ def _inverse_blocks(exact: tuple[np.ndarray, ...], shape: tuple[int, ...], rho: 
     inverse = np.empty((rows, size * (size + 1) // 2, width), dtype)
     trust = np.empty((rows, width))
     largest = 0.0 if rho > 0 else max(float(np.einsum("mssj->mj", g).max()) for _, g in _grams(exact, size, width))
+    dropped = 0
     for first, gram in _grams(exact, size, width):
         last = first + gram.shape[0]
         blocks = gram.copy() if rho == 0 else gram
         threads.run(step_kernels.invert_blocks, last - first, blocks, rho, inverse[first:last], trust[first:last])
         if rho == 0:
-            _pseudo_invert(gram, trust[first:last], largest, inverse[first:last])
+            dropped += _pseudo_invert(gram, trust[first:last], largest, inverse[first:last])
+    if dropped:
+        notes.append(f"H H^T is ill-conditioned: {dropped} directions below {CUTOFF:g} of their pixel's largest eigenvalue were left out")
     return inverse
 
 
@@ -178,14 +194,33 @@ def _grams(exact: tuple[np.ndarray, ...], size: int, width: int) -> Iterator[tup
         yield first, gram
 
 
-def _pseudo_invert(gram: np.ndarray, trust: np.ndarray, largest: float, inverse: np.ndarray) -> None:
-    """Replace the blocks that may be singular by their pseudo-inverse from the eigenvalues."""
+def _pseudo_invert(gram: np.ndarray, trust: np.ndarray, largest: float, inverse: np.ndarray) -> int:
+    """Replace the blocks that may be singular by their pseudo-inverse; return how many small but real eigenvalues were dropped."""
     m, j = np.nonzero(trust < 4 * CUTOFF)
     if m.size == 0:
-        return
+        return 0
     value, vector = np.linalg.eigh(gram[m, :, :, j])
     kept = value > np.maximum(CUTOFF * value[:, -1:], FAINT * largest)
     weight = np.divide(1.0, value, out=np.zeros_like(value), where=kept)
     block = np.einsum("bsi,bi,bqi->bsq", vector, weight, vector)
     s, q = np.tril_indices(gram.shape[1])
     inverse[m, :, j] = block[:, s, q]
+    return int((~kept & (value > EXACT * value[:, -1:]) & (value[:, -1:] > FAINT * largest)).sum())
+
+
+def largest_eigenvalue(operator: LinearOperator) -> float:
+    """Return the largest eigenvalue of H^T H: exact from the pixel blocks, else by the power method plus 5 %."""
+    if not (isinstance(operator, CodedAperture) and operator.one_tap):
+        return 1.05 * norm_squared(operator)
+    shots, channels, rows, width = operator.out_shape
+    response = operator.response * operator.taps[:, 0]
+    tile, tile_of = mosaic_tile(response, operator.mosaic, rows)
+    best = 0.0
+    for _, gram in _grams((operator.masks, response, tile, tile_of, operator.first_column), shots * channels, width):
+        bound = np.abs(gram).sum(2).max(1)
+        while (m_j := np.nonzero(bound > best))[0].size:
+            order = np.argsort(bound[m_j])[::-1][:256]
+            m, j = m_j[0][order], m_j[1][order]
+            best = max(best, float(np.linalg.eigvalsh(gram[m, :, :, j])[:, -1].max()))
+            bound[m, j] = 0
+    return best

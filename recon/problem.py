@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from recon.basis import Basis
-from recon.coded_aperture import CodedAperture
+from recon.coded_aperture import CodedAperture, empty_cube
 from recon.errors import InputError
 from recon.operator import LinearOperator
 from recon.solution import Stop
@@ -79,6 +79,7 @@ class Found:
     stop: Stop
     tau: float | None = None
     tau_max: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 class Solver(Protocol):
@@ -135,3 +136,28 @@ def checked_frames(frames: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     if np.abs(values).max(initial=0.0) > LARGEST:
         raise InputError("frames", float(np.abs(values).max()), f"at most {LARGEST:g} in absolute value")
     return values
+
+
+def edge_cases(problem: Problem, tau: float, tau_max: float, max_iterations: int) -> Found | None:
+    """Answer Eq. 4 where no iteration is needed: no iterations allowed, or tau at or above tau_max; else None."""
+    if max_iterations == 0:
+        return first_guess(problem, tau, tau_max)
+    if tau >= tau_max:
+        above = f"tau = {problem.outer_tau(tau):.4g} is at or above tau_max = {problem.outer_tau(tau_max):.4g}: the answer is exactly zero"
+        return Found(blank(problem), 0, Stop(above + "; lower tau to see something", True), tau, tau_max)
+    return None
+
+
+def first_guess(problem: Problem, tau: float | None, tau_max: float | None) -> Found:
+    """Return the start (or zero) for ``max_iterations = 0``."""
+    cube = blank(problem)
+    if problem.start is not None:
+        cube[...] = problem.start
+    return Found(cube, 0, Stop("max_iterations = 0: this is the first guess; raise max_iterations", False), tau, tau_max)
+
+
+def blank(problem: Problem) -> np.ndarray:
+    """Return a band-major cube of zeros."""
+    cube = empty_cube(tuple(problem.operator.in_shape), problem.operator.dtype)
+    cube[...] = 0
+    return cube

@@ -70,7 +70,7 @@ def _solution(operator: LinearOperator, problem: Problem, found: Found, began: f
         seconds=time.perf_counter() - began,
         residual=math.sqrt(misfit / size),
         tau_max=None if found.tau_max is None else problem.outer_tau(found.tau_max),
-        notes=_notes(operator),
+        notes=(*_notes(operator), *found.notes),
     )
 
 

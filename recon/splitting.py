@@ -15,7 +15,7 @@ import numpy as np
 
 from recon.basis import Basis, Kronecker
 from recon.coded_aperture import empty_cube
-from recon.data_step import DataStep
+from recon.data_step import DataStep, Sums
 from recon.problem import Problem
 from recon.solution import Stop
 
@@ -59,11 +59,15 @@ class Limits:
 
 @dataclass
 class State:
-    """The iterates: ``x`` satisfies the data step, ``sparse`` is the thresholded one, both (M, N, K); ``l1`` is that one's norm."""
+    """The iterates: ``x`` from the data step and ``sparse``, which holds ``Psi s`` in the callback and ``2 x - z`` at the end.
+
+    ``l1`` is the norm of the last s, ``level`` the threshold that comes next.
+    """
 
     x: np.ndarray
     sparse: np.ndarray
     l1: float = 0.0
+    level: float = 0.0
     iterations: int = 0
 
 
@@ -106,6 +110,7 @@ def split(
     if scale is None:
         scale = math.sqrt(sums.size / x.size)
         level = levels.start * scale
+    state.level = level
     stop = None
     while stop is None:
         state.l1 = shrink(problem.basis, state.sparse, level)
@@ -116,6 +121,7 @@ def split(
         if follow != level:
             sums = step.advance(z, w, x, relax, follow / level)
             level, step = follow, step_at(follow)
+            state.level = level
         else:
             sums = step.advance(z, w, x, relax)
         stop = _judge(state.iterations, sums, limits)
@@ -141,7 +147,7 @@ def _begin(problem: Problem) -> tuple[State, np.ndarray, np.ndarray, np.ndarray]
     return State(cubes[2], cubes[1]), z, w, x
 
 
-def _judge(iteration: int, sums: "tuple[float, float, float, float]", limits: Limits) -> Stop | None:
+def _judge(iteration: int, sums: Sums, limits: Limits) -> Stop | None:
     gap, change, size, moved = sums
     primal = math.sqrt(gap / size) if size > 0 else 0.0
     dual = 0.1 * math.sqrt(change / moved) if moved > 0 else 0.0
