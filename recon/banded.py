@@ -56,9 +56,8 @@ def _factor(exact: tuple[np.ndarray, ...], shape: tuple[int, ...], rho: float, d
     groups = -(-rows // lanes)
     factor = np.empty((groups, width * size, half + 1, lanes), dtype)
     if rho == 0:
-        rho = REGULAR * max(
-            float(np.einsum("mssj->msj", _gram(exact, slice(g * lanes, (g + 1) * lanes), 0, size, width)).max()) for g in range(groups)
-        )
+        every = (_gram(exact, slice(g * lanes, (g + 1) * lanes), 0, size, width) for g in range(groups))
+        rho = REGULAR * max(float(np.einsum("mssj->msj", gram).max()) for gram in every)
     for group in range(groups):
         band = _band(exact, slice(group * lanes, (group + 1) * lanes), size, width, half, lanes)
         band[:, :, 0] += rho

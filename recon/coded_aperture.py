@@ -44,7 +44,7 @@ class CodedAperture:
         masks: (L, M, N) of 0 and 1; with ``gray`` any value of [0, 1].
         response: (C, K) response of each spectral curve to each band, finite.
         first_column: (K,) integers, the sensor column of mirror column 0 for the band's first tap.
-        taps: (K, T) column weights, finite.
+        taps: (K, T) column weights, finite; kept as (K, 1) when every band has one that is not 0.
         mosaic: (M, W) integers of 0..C-1, the curve of each sensor pixel; None when every pixel has all C channels.
         width: W, sensor columns; None: the least that holds every band, N + K - 1 in the paper's model.
         dtype: float32 or float64, of the arrays that forward and adjoint return.
@@ -251,7 +251,11 @@ def _checked_bands(response: np.ndarray, first_column: np.ndarray, taps: np.ndar
     weights = np.ascontiguousarray(taps, np.float64)
     if weights.ndim != 2 or weights.shape[0] != chi.shape[1] or weights.shape[1] == 0 or not np.isfinite(weights).all():
         raise InputError("taps", weights.shape, f"finite, of shape ({chi.shape[1]}, taps)")
-    return chi, np.ascontiguousarray(first, np.int64), weights
+    first = np.ascontiguousarray(first, np.int64)
+    if weights.shape[1] > 1 and (np.count_nonzero(weights, axis=1) == 1).all():
+        used = np.argmax(weights != 0, axis=1)
+        return chi, first + used, np.take_along_axis(weights, used[:, None], axis=1)
+    return chi, first, weights
 
 
 def _checked_width(width: int) -> int:

@@ -48,8 +48,12 @@ def data_step(operator: LinearOperator, frames: np.ndarray, rho: float) -> DataS
         frames: g, float64.
         rho: at least 0, in units of H squared.
     """
-    if isinstance(operator, CodedAperture) and operator.one_tap:
-        return BlockStep(operator, frames, rho)
+    if isinstance(operator, CodedAperture):
+        if operator.one_tap:
+            return BlockStep(operator, frames, rho)
+        from recon.banded import BandedStep
+
+        return BandedStep(operator, frames, rho)
     return ConjugateStep(operator, frames, rho)
 
 
@@ -65,11 +69,11 @@ class BlockStep:
         from recon import step_kernels
 
         self._kernel = step_kernels.advance_rows
-        masks, merged = _merge_repeats(operator.masks, frames)
+        masks, merged = merge_repeats(operator.masks, frames)
         response = operator.response * operator.taps[:, 0]
         notes: list[str] = []
         if rho == 0:
-            response, merged = _whiten(response, operator.mosaic, merged, notes)
+            response, merged = whiten(response, operator.mosaic, merged, notes)
         tile, tile_of = mosaic_tile(response, operator.mosaic, operator.in_shape[0])
         inverse = _inverse_blocks((masks, response, tile, tile_of, operator.first_column), merged.shape, rho, operator.dtype, notes)
         self.notes = tuple(notes)
@@ -139,7 +143,8 @@ def mosaic_tile(response: np.ndarray, mosaic: np.ndarray | None, rows: int) -> t
     return np.ascontiguousarray(response[different].transpose(0, 2, 1)), tile_of.reshape(-1).astype(np.int64)
 
 
-def _merge_repeats(masks: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def merge_repeats(masks: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Average the frames of shots that share a mask, weighted by sqrt(count): the same normal equations in fewer rows."""
     groups: dict[bytes, list[int]] = {}
     for l, mask in enumerate(masks):
         groups.setdefault(mask.tobytes(), []).append(l)
@@ -148,7 +153,8 @@ def _merge_repeats(masks: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, n
     return kept, np.stack([w * frames[shots].mean(0) for w, shots in zip(weight, groups.values())])
 
 
-def _whiten(response: np.ndarray, mosaic: np.ndarray | None, frames: np.ndarray, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+def whiten(response: np.ndarray, mosaic: np.ndarray | None, frames: np.ndarray, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Make the channels orthonormal along wavelength (a mosaic's curves: of norm 1); mixes below the cutoff are left out."""
     if mosaic is not None:
         size = np.linalg.norm(response, axis=1)
         size[size == 0] = 1

@@ -61,9 +61,7 @@ class Fista(Config):
         fall = abs(trace[-1 - WINDOW] - trace[-1]) / max(trace[-1], np.finfo(float).tiny)
         steady = max(trace[-1 - WINDOW :]) <= trace[-1] * (1 + 10 * limits.tolerance)
         if fall <= limits.tolerance and steady:
-            text = (
-                f"converged: {WINDOW} iterations changed the objective by {fall:.2g} of itself, within the tolerance {limits.tolerance:.2g}"
-            )
+            text = f"converged: {WINDOW} iterations changed the objective by {fall:.2g} of itself (tolerance {limits.tolerance:.2g})"
             return Stop(text + descent.remark, True)
         stop = limits.exhausted(descent.iterations, fall)
         return None if stop is None else Stop(stop.reason + descent.remark, False)
