@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from optsim.report import figures_model, figures_more, figures_target
+from optsim.report import figures_model, figures_more, figures_scores, figures_target
 from optsim.report.claims import TARGET_1, TARGET_2
 from optsim.report.data import RunData
 from optsim.report.gallery import Gallery
@@ -33,9 +33,9 @@ def builders(gallery: Gallery) -> Iterator[tuple[str, Builder]]:
     for target in run.targets[:1]:
         yield "frames", partial(figures_more.figure_frames, gallery, target)
         yield "spectra", partial(figures_more.figure_spectra, gallery, target)
-    yield "PSNR by band", partial(figures_more.figure_band_psnr, gallery)
-    yield "tau", partial(figures_more.figure_tau, gallery)
-    yield "matched", partial(figures_more.figure_matched, gallery)
+    yield "PSNR by band", partial(figures_scores.figure_band_psnr, gallery)
+    yield "tau", partial(figures_scores.figure_tau, gallery)
+    yield "matched", partial(figures_scores.figure_matched, gallery)
     yield "prism", partial(figures_model.figure_prism, run)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,9 +40,9 @@ def draw_non_zeros(
 def figure_2(directory: Path) -> Drawn:
     """Draw the non-zeros of H for a 4 x 4 x 6 cube: one band, six bands, six bands dispersed."""
     matrices = mono_matrices()
-    figure = new_figure(10.0, 2.75)
+    figure = new_figure(10.0, 2.45)
     axes = figure.subplots(1, 3, width_ratios=[H.shape[1] + 6 for H in matrices])
-    titles = ("(a) one band,", "(b) six bands, no dispersion:", "(c) six bands, dispersed:")
+    titles = ("(a) one band", "(b) six bands, no dispersion", "(c) six bands, dispersed")
     for ax, H, title in zip(axes, matrices, titles):
         band = np.broadcast_to(np.arange(H.shape[1]) // 16, H.shape)
         draw_non_zeros(ax, H, band, BAND_COLORS, H.shape[0], 16)
@@ -159,7 +160,7 @@ def figure_3(run: RunData, directory: Path) -> Drawn | None:
         draw_layout(axes[0, column], sensor, mosaic)
         draw_response(axes[1, column], run.responses[sensor], low, high)
         if run.responses[sensor].source:
-            axes[1, column].set_title(run.responses[sensor].source, fontsize=8, color=MUTED)
+            axes[1, column].set_title(fill(run.responses[sensor].source, 44), fontsize=8, color=MUTED)
     axes[1, 0].set_ylabel("relative response")
     caption = (
         "Sensor layouts and the response curves of this run, each curve as published (its own maximum 1). "

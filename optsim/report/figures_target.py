@@ -168,6 +168,8 @@ def figure_errors(gallery: Gallery, target: str, name: str, directory: Path) -> 
 
 def figure_single_shot(gallery: Gallery, target: str, name: str, directory: Path) -> Drawn | None:
     """Draw four bands from a single colour shot, a row for truth and each series: the paper's Fig. 11."""
+    from matplotlib.colors import PowerNorm
+
     found = series_with_estimates(gallery, target, MAIN_R)
     if target not in gallery.run.truths or not found:
         return None
@@ -184,7 +186,7 @@ def figure_single_shot(gallery: Gallery, target: str, name: str, directory: Path
     image = None
     for row, (label, color, cube) in zip(axes, rows):
         for ax, n in zip(row, numbers):
-            image = ax.imshow(cube[..., n - 1], cmap="gray", vmin=0, vmax=truth.max() or 1.0)
+            image = ax.imshow(cube[..., n - 1], cmap="gray", norm=PowerNorm(0.5, vmin=0, vmax=float(truth.max()) or 1.0, clip=True))
             picture(ax)
         row[0].set_ylabel(label, color=color, fontweight="bold")
     for ax, n in zip(axes[0], numbers):
@@ -193,7 +195,7 @@ def figure_single_shot(gallery: Gallery, target: str, name: str, directory: Path
     bar = figure.colorbar(image, ax=axes, location="right", shrink=0.6, extend="both", aspect=35)
     bar.set_label(RADIANCE)
     caption = f"Bands {listing(map(str, numbers))} of {target} from a single colour shot, or three monochrome shots "
-    caption += f"(R = {ratio_text(MAIN_R)}); one scale for all."
+    caption += f"(R = {ratio_text(MAIN_R)}); one scale for all, grey by the square root."
     alt = f"Grey pictures of {len(numbers)} bands of {target}: truth and a row for each sensor reading."
     png, pdf = save(figure, directory, name)
     return Drawn(name, f"Fig. 11: bands from a single colour shot, {target}", caption, alt, png, pdf)

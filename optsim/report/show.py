@@ -127,18 +127,20 @@ def draw_spectra(plot: Axes, data: xr.Dataset, bands: Bands, places: list[tuple[
 
 def draw_bands(panel: SubFigure, cube: np.ndarray, stderr: np.ndarray | None, bands: Bands, index: list[int]) -> None:
     """Draw bands as grey pictures on one scale with a colour bar."""
+    from matplotlib.colors import PowerNorm
+
     axes = np.ravel(panel.subplots(1, len(index), squeeze=False))
     low, high = min(0.0, float(cube.min())), float(cube.max())
     scale = high if high > low else low + 1.0
     for ax, k in zip(axes, index):
-        image = ax.imshow(cube[..., k], cmap="gray", vmin=low, vmax=scale)
+        image = ax.imshow(cube[..., k], cmap="gray", norm=PowerNorm(0.5, vmin=low, vmax=scale))
         picture(ax, f"{bands.center[k]:.1f} nm")
     bar = panel.colorbar(image, ax=list(axes), location="bottom", aspect=60, shrink=0.7)
     flat = " (all values are equal)" if float(cube.min()) == high else ""
     noise = ""
     if stderr is not None:
         noise = f"; standard error: median {np.median(stderr):.2g}, largest {stderr.max():.2g}"
-    bar.set_label(f"{RADIANCE}: {cube.min():.4g} to {high:.4g}{flat}{noise}")
+    bar.set_label(f"{RADIANCE}: {cube.min():.4g} to {high:.4g}{flat}{noise}; grey by the square root")
 
 
 def frames_figure(data: xr.Dataset) -> Figure:

@@ -7,7 +7,8 @@ from PIL import Image
 from optsim.errors import InputError
 from optsim.report.data import RunData
 from optsim.report.figures import builders, draw_figures
-from optsim.report.figures_more import band_psnr, frame_image, telling_points
+from optsim.report.figures_more import frame_image, telling_points
+from optsim.report.figures_scores import band_psnr
 from optsim.report.figures_target import chosen_bands
 from optsim.report.gallery import Gallery, finest_window
 from optsim.report.matrices import BAYER_BANDS, FOVEON_BANDS, bayer_blocks, bayer_matrix, foveon_matrix, mono_matrices
