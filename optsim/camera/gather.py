@@ -17,7 +17,7 @@ from optsim.camera.layout import Budget, Layout, Weights
 from optsim.errors import InputError
 
 SLAB_BYTES = 2**27
-SHOTS_PER_PASS = 4
+SHOTS_PER_PASS = 12
 MAX_CANDIDATES = 144
 
 Rows = Callable[[int, int], np.ndarray]
@@ -104,6 +104,7 @@ class Gather:
 
         start = (t.UInt32(0), *(dr.zeros(t.Float64, pixel.shape[0]) for _ in range(count * (self.channels + 1))))
         result = dr.while_loop(start, lambda w, *sums: w < self.count, body, labels=("w", *(f"s{i}" for i in range(len(start) - 1))))
+        dr.eval(result)  # all sums in one kernel; reading them one by one would run it once for each
         scale = 1 / (self.layout.side_px**2 * self.layout.samples**2)
         return np.stack([np.array(s) for s in result[1:]]).reshape(count, self.channels + 1, -1) * scale
 
@@ -170,6 +171,7 @@ class Gather:
 
         start = (t.UInt32(0), dr.zeros(t.Float64, samples.size), dr.zeros(t.Float64, samples.size))
         _, missed, outside = dr.while_loop(start, lambda w, *sums: w < self.count, body, labels=("w", "missed", "outside"))
+        dr.eval(missed, outside)
         return np.stack([np.array(missed), np.array(outside)])
 
 
@@ -188,23 +190,24 @@ class _Samples:
         g, t, dr = self.g, self.g.k.backend, self.g.k.dr
         c, d = g.polynomials(w)
         row, column = self._corner(c, d, sensor_x, sensor_y)
-        columns = t.Int32(g.columns)
-        s = g.layout.samples
+        columns, s = t.Int32(g.columns), g.layout.samples
+        per_row, per_column = 1 / g.half_rows, 1 / g.half_columns
         total = [t.Float64(0) for _ in range(shots)]
         for p in range(self.candidates[0]):
             v = row + p
-            eta = (t.Float64(v) + 0.5) / g.half_rows - 1
+            eta = (t.Float64(v) + 0.5) * per_row - 1
             in_rows = (v >= self.first) & (v < self.last)
             cx, cy = ([_even(line, eta * eta) for line in table] for table in (c, d))
+            line, mirror_line = t.UInt32(v - self.first) * g.columns, t.UInt32(v) // s * g.mirrors_x
             for q in range(self.candidates[1]):
                 u = column + q
-                xi = (t.Float64(u) + 0.5) / g.half_columns - 1
+                xi = (t.Float64(u) + 0.5) * per_column - 1
                 overlap = self._overlap(_polynomial(cx, xi) - sensor_x) * self._overlap(_polynomial(cy, xi) * eta - sensor_y)
                 active = in_rows & (u >= 0) & (u < columns) & (overlap > 0)
-                index = (t.UInt32(v - self.first) * g.columns + t.UInt32(u)) * g.count + w
-                value = t.Float64(dr.gather(t.Float32, self.cube, index, active)) * overlap
-                open_bits = dr.gather(t.UInt32, self.bits, t.UInt32(v) // s * g.mirrors_x + t.UInt32(u) // s, active)
-                total = [sum_ + dr.select((open_bits & (1 << l)) != 0, value, 0.0) for l, sum_ in enumerate(total)]
+                open_ = dr.gather(t.UInt32, self.bits, mirror_line + t.UInt32(u) // s, active)
+                index = (line + t.UInt32(u)) * g.count + w
+                value = t.Float64(dr.gather(t.Float32, self.cube, index, active & (open_ != 0))) * overlap
+                total = [sum_ + dr.select((open_ & (1 << l)) != 0, value, 0.0) for l, sum_ in enumerate(total)]
         return total
 
     def _corner(self, c: list[list[Array]], d: list[list[Array]], x: Array, y: Array) -> tuple[Array, Array]:
