@@ -9,8 +9,8 @@ from optsim.report.data import SERIES, RunData, Series
 from optsim.report.html import Markup, tag
 from optsim.report.select import Recipe, ratio_text, ratios, score
 
-WIDTH, HEIGHT = 480, 300
-LEFT, RIGHT, TOP, BOTTOM = 50, 118, 34, 44
+WIDTH, HEIGHT = 490, 300
+LEFT, RIGHT, TOP, BOTTOM = 50, 130, 34, 44
 
 
 def psnr_chart(run: RunData, recipe: Recipe | None) -> Markup | None:

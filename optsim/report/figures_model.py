@@ -40,7 +40,7 @@ def draw_non_zeros(
 def figure_2(directory: Path) -> Drawn:
     """Draw the non-zeros of H for a 4 x 4 x 6 cube: one band, six bands, six bands dispersed."""
     matrices = mono_matrices()
-    figure = new_figure(10.0, 2.45)
+    figure = new_figure(10.0, 2.25)
     axes = figure.subplots(1, 3, width_ratios=[H.shape[1] + 6 for H in matrices])
     titles = ("(a) one band", "(b) six bands, no dispersion", "(c) six bands, dispersed")
     for ax, H, title in zip(axes, matrices, titles):

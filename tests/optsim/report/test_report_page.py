@@ -14,6 +14,7 @@ from optsim.report.figures import builders
 from optsim.report.gallery import Gallery
 from optsim.report.html import Markup, tag
 from optsim.report.page import COLUMNS, asset, render_page
+from optsim.report.page_origin import stop_reasons
 from optsim.report.style import styled
 
 VOID = {"meta", "img", "br", "hr", "input", "col"}
@@ -197,3 +198,9 @@ def test_the_page_opens_in_a_browser_without_an_error(written, tmp_path):
     assert console == []
     assert done.stdout.count('<button type="button">') == len(COLUMNS)
     assert f"{written[0].rows[0].psnr_db:.2f}" in done.stdout
+
+
+def test_reasons_that_differ_in_numbers_alone_are_counted_together(make):
+    run = make(size=8, targets=("color-checker",), ratios=(0.125,), gpsr=False, physical=False)
+    rows = [dict(row, stop=f"residual {i}.5e-0{i} is below 1e-4") for i, row in enumerate(run.summary["rows"])]
+    assert stop_reasons(RunData({"rows": rows}, {})) == [("4", "converged", "residual 0.5e-00 is below 1e-4")]

@@ -121,3 +121,15 @@ def test_decibels_are_written_with_a_true_minus(value, sign, text):
 @pytest.mark.parametrize(("R", "text"), [(0.125, "1/8"), (0.375, "3/8"), (0.5, "1/2"), (1 / 24, "1/24"), (1.0, "1")])
 def test_compression_ratios_are_written_as_fractions(R, text):
     assert ratio_text(R) == text
+
+
+def test_scores_of_unfinished_solves_are_marked_and_counted(make):
+    run = make(size=24, targets=("color-checker",), ratios=(0.125,))
+    rows = [dict(row, converged=not (row["model"] == "physical" and row["operator"] == "camera")) for row in run.summary["rows"]]
+    verdict = make_verdict(RunData({"rows": rows}, run.truths))
+    matched = next(f for f in verdict.findings if f.label == "What matched data hide")
+    assert [sum(cell.endswith("*") for cell in row) for row in matched.rows] == [0, 0, 4]
+    assert "4 of these solves stopped before their tolerance" in matched.text
+    assert "stopped before" not in verdict.basis
+    early = [dict(row, converged=False) for row in rows]
+    assert "4 of these solves stopped before their tolerance" in make_verdict(RunData({"rows": early}, run.truths)).basis
