@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from optsim.camera import Distinct, Mono, Repeated, masks_for, sensors
+from optsim.camera import Distinct, Mono, Repeated, masks_for, matched_model, sensors
 from optsim.camera.dmd import check_masks
+from optsim.cube import Bands
 from optsim.errors import InputError
 
 MONO, BAYER, FOVEON = sensors()
@@ -89,3 +90,13 @@ def test_D6_mask_values_other_than_0_and_1_are_refused_with_their_place(value):
 def test_probabilities_outside_0_to_1_are_refused():
     with pytest.raises(InputError, match="open_fraction"):
         masks_for(MONO, 1, Distinct(), SIZE, 0, open_fraction=1.1)
+
+
+def test_D10_repeated_masks_add_light_but_no_rank():
+    bands = Bands.from_edges([460, 500, 560, 610])
+    ranks = []
+    for rule, shots in ((Distinct(), 1), (Repeated(), 3), (Distinct(), 3)):
+        operator = matched_model(MONO, bands, masks_for(MONO, shots, rule, (5, 6), 1)).operator()
+        ranks.append(np.linalg.matrix_rank(operator.dense()))
+        assert operator.repeated_shots() == (2 if isinstance(rule, Repeated) else 0)
+    assert ranks[0] == ranks[1] < ranks[2]
