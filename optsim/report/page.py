@@ -16,7 +16,7 @@ from optsim.report.html import Child, Markup, section, table, tag
 from optsim.report.page_origin import missing, modelled, provenance
 from optsim.report.select import db, main_recipe, ratio_text
 from optsim.report.style import Drawn
-from optsim.report.verdict import Finding, make_verdict
+from optsim.report.verdict import EARLY, Finding, make_verdict
 from optsim.report.wording import recipe_text
 
 SECTIONS = (
@@ -103,11 +103,10 @@ def findings(run: RunData) -> list[Child]:
 
 def finding(f: Finding) -> list[Child]:
     """Write one finding."""
-    return [
-        tag("h3", f.label),
-        tag("p", f.text),
-        table(f.header, f.rows, numeric_from=2 if f.header[:1] == ("R",) else 1) if f.rows else None,
-    ]
+    early = any(cell.endswith(EARLY) for row in f.rows for cell in row)
+    caption = f"{EARLY} a solve behind this number stopped before its tolerance" if early else None
+    columns = 2 if f.header[:1] == ("R",) else 1
+    return [tag("h3", f.label), tag("p", f.text), table(f.header, f.rows, numeric_from=columns, caption=caption) if f.rows else None]
 
 
 def claims(gallery: Gallery) -> list[Child]:
@@ -147,7 +146,7 @@ def inline_picture(path: Path) -> str:
 
 COLUMNS = (
     "target", "sensor", "masks", "R", "shots", "data", "operator", "solver", "tau rule", "tau",
-    "PSNR, dB", "SSIM", "angle, °", "s", "iterations", "stopped because", "seed",
+    "PSNR, dB", "SSIM", "angle, °", "s", "iterations", "seed", "stopped because",
 )  # fmt: skip
 
 
@@ -189,7 +188,7 @@ def row_cells(row: Row) -> list[tuple[str, object]]:
         (row.target, None), (row.sensor, None), (row.masks, None), (ratio_text(row.R), row.R), (str(row.shots), row.shots),
         (row.model, None), (row.operator, None), (row.solver, None), (row.tau_rule or "–", None), number(row.tau, ".3g"),
         number(row.psnr_db, ".2f", "exact"), number(row.ssim, ".3f"), number(row.sam_deg, ".2f"), number(row.seconds, ".1f"),
-        number(row.iterations, "d"), (row.stop, None), (str(row.seed), row.seed),
+        number(row.iterations, "d"), (str(row.seed), row.seed), (row.stop, None),
     ]  # fmt: skip
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 from optsim.report.data import RunData
 from optsim.report.html import Child, Markup, table, tag
+
+NUMBER = re.compile(r"\d+(\.\d*)?(e[+-]?\d+)?")
 
 
 def modelled(run: RunData) -> list[Child]:
@@ -24,7 +27,7 @@ def modelled(run: RunData) -> list[Child]:
         ]
         parts += [
             tag("h3", f"Effects in {target}"),
-            table(("effect", "", "because", "error without it"), rows, class_="wide", numeric_from=3),
+            table(("effect", "", "because", "relative error without it"), rows, class_="wide", numeric_from=3),
         ]
     if not run.explain:
         parts.append(missing("The scenes’ effects were not recorded."))
@@ -35,16 +38,22 @@ def modelled(run: RunData) -> list[Child]:
     else:
         parts.append(missing("Not recorded: only physical data lose light."))
     parts.append(tag("h3", "Why the solvers stopped"))
-    stops: dict[tuple[str, str], int] = {}
-    for row in run.rows:
-        key = ({True: "converged", False: "stopped early", None: "not said"}[row.converged], row.stop)
-        stops[key] = stops.get(key, 0) + 1
-    parts.append(
-        table(("solves", "", "reason"), [(str(n), how, why) for (how, why), n in sorted(stops.items())], numeric_from=9)
-        if stops
-        else missing("No solves.")
-    )
+    if run.rows:
+        parts.append(table(("solves", "", "reason (the numbers are of one of them)"), stop_reasons(run), numeric_from=9))
+    else:
+        parts.append(missing("No solves."))
     return parts
+
+
+def stop_reasons(run: RunData) -> list[tuple[str, str, str]]:
+    """Count the solves by outcome and reason; reasons that differ in numbers alone are one."""
+    counts: dict[tuple[str, str], int] = {}
+    example: dict[tuple[str, str], str] = {}
+    for row in run.rows:
+        key = ({True: "converged", False: "stopped early", None: "not said"}[row.converged], NUMBER.sub("#", row.stop))
+        counts[key] = counts.get(key, 0) + 1
+        example.setdefault(key, row.stop)
+    return [(str(counts[key]), key[0], example[key]) for key in sorted(counts)]
 
 
 def plain(value: Any) -> str:

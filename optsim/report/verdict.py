@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, MONO_REPEATED, SERIES, RunData, Series
-from optsim.report.select import Recipe, db, listing, main_recipe, ratio_text, ratios, score, scores_at, span_text
+from optsim.report.select import Recipe, db, listing, main_recipe, pick, ratio_text, ratios, score, scores_at, span_text
 from optsim.report.wording import compare, model_text, ordering, outcome, recipe_text, side, solver_text, swaps
 
 EXPECTED = (MONO_REPEATED, BAYER, FOVEON, MONO_DISTINCT)
 """The ordering, ascending, that a throw-away prototype found by basis pursuit before this program was written."""
 MAIN_R = 0.125
 """One colour shot against three mono shots: where the headline is read."""
+EARLY = "*"
 PAIRS = ((BAYER, MONO_DISTINCT), (FOVEON, MONO_DISTINCT), (BAYER, MONO_REPEATED), (FOVEON, MONO_REPEATED), (FOVEON, BAYER))
 
 
@@ -53,6 +54,9 @@ def make_verdict(run: RunData) -> Verdict:
     scores = scores_at(run, recipe, target, R)
     sentences = [text for mono in (MONO_DISTINCT, MONO_REPEATED) if (text := reading(scores, mono))]
     basis = f"{target}, R = {ratio_text(R)}, {recipe_text(recipe)}: {ordering(scores) or 'exact'}."
+    early = sum(row.converged is False for row in pick(run, recipe, target, R=R))
+    if early:
+        basis += f" {early} of these solves stopped before their tolerance."
     findings = (
         expectation(run, recipe, target),
         over_ratios(run, recipe, (target, R)),
@@ -158,14 +162,15 @@ def tau_finding(run: RunData, main: Recipe, target: str) -> Finding:
     for R in sorted({row.R for row in penalised}):
         reference = scores_at(run, main, target, R)
         if reference:
-            rows.append((ratio_text(R), name, *cells(reference)))
+            rows.append((ratio_text(R), name, *cells(run, main, target, R)))
         for solver in dict.fromkeys(row.solver for row in penalised):
-            found = {rule: scores_at(run, Recipe("matched", "unit-shift", solver, rule), target, R) for rule in ("oracle", "auto")}
+            recipes = {rule: Recipe("matched", "unit-shift", solver, rule) for rule in ("oracle", "auto")}
+            found = {rule: scores_at(run, recipe, target, R) for rule, recipe in recipes.items()}
             for rule, scores in found.items():
                 if not scores:
                     continue
                 word = "automatic" if rule == "auto" else rule
-                rows.append((ratio_text(R), f"Eq. 4, {solver_text(solver)}, {word} tau", *cells(scores)))
+                rows.append((ratio_text(R), f"Eq. 4, {solver_text(solver)}, {word} tau", *cells(run, recipes[rule], target, R)))
                 changed += [f"with the {word} tau at R = {ratio_text(R)} {swap}" for swap in swaps(reference, scores)]
             both = [s for s in SERIES if s.key in found["oracle"] and s.key in found["auto"]]
             costs += [(found["oracle"][s.key] - found["auto"][s.key], f"{s.short}, R = {ratio_text(R)}") for s in both]
@@ -185,27 +190,36 @@ def tau_finding(run: RunData, main: Recipe, target: str) -> Finding:
     return Finding(label, text, ("R", "mean PSNR, dB", *(s.short for s in SERIES)), tuple(rows))
 
 
-def cells(scores: dict[str, float]) -> tuple[str, ...]:
-    """Write a score a series, two decimals."""
-    return tuple(f"{scores[s.key]:.2f}" if s.key in scores else "not run" for s in SERIES)
+def cells(run: RunData, recipe: Recipe, target: str, R: float) -> tuple[str, ...]:
+    """Write a score a series, two decimals, with a mark when a solve behind it stopped before its tolerance."""
+    found = []
+    for s in SERIES:
+        value = score(run, recipe, target, s, R)
+        early = any(row.converged is False for row in pick(run, recipe, target, s, R))
+        found.append("not run" if value is None else f"{value:.2f}{EARLY if early else ''}")
+    return tuple(found)
 
 
 def matched_finding(run: RunData, recipe: Recipe, target: str, R: float) -> Finding:
     """Say what data made by the very operator that inverts them hide."""
     label = "What matched data hide"
-    base = scores_at(run, replace(recipe, model="matched", operator="unit-shift"), target, R)
-    rows, sentences = [("matched data, the same H", *cells(base))], []
+    matched = replace(recipe, model="matched", operator="unit-shift")
+    base = scores_at(run, matched, target, R)
+    rows, sentences = [("matched data, the same H", *cells(run, matched, target, R))], []
     for model in dict.fromkeys(row.model for row in run.rows if row.model != "matched"):
         for operator, name in (("unit-shift", "unit-shift H"), ("camera", "the camera’s own shifts")):
-            scores = scores_at(run, replace(recipe, model=model, operator=operator), target, R)
+            physical = replace(recipe, model=model, operator=operator)
+            scores = scores_at(run, physical, target, R)
             if not scores:
                 continue
-            rows.append((f"{model_text(model)}, {name}", *cells(scores)))
+            rows.append((f"{model_text(model)}, {name}", *cells(run, physical, target, R)))
             moves = [scores[key] - base[key] for key in scores if key in base]
             if moves:
                 changed = swaps(base, scores)
                 verdict = f"and changes the ordering ({'; '.join(changed)})" if changed else "and leaves the ordering as it is"
                 verdict = verdict if len(moves) > 1 else "(one sensor only)"
+                early = sum(row.converged is False for row in pick(run, physical, target, R=R))
+                verdict += f"; {early} of these solves stopped before their tolerance" if early else ""
                 sentences.append(f"Reconstructing {model_text(model)} with {name} moves the scores by {span_text(moves)} {verdict}.")
     if not sentences:
         return Finding(label, f"Physical data were not run at R = {ratio_text(R)} on {target}.")
