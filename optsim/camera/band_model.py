@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -121,7 +122,7 @@ def physical_model(
     """Return the camera's own discrete model in electrons per W m^-2 sr^-1 nm^-1 (theory.md (C.10), (C.14), (C.15)).
 
     Response: exposure x étendue x integral over the band, inside the band-pass, of QE lambda / (h c). The frame has
-    the columns from the 455 nm pixel of mirror column 0 to the last band's pixel of the last column.
+    the columns from the 455 nm pixel of mirror column 0 to the pixel in which the last column's last band ends.
 
     Args:
         camera: the optics.
@@ -147,7 +148,7 @@ def physical_model(
     first, taps = shifts.columns(dispersion, camera.mirror_px, lower, upper)
     position, _, _ = dispersion.position_px(bands.center)
     rows, columns = masks.shape[1:]
-    width = frame_width(dispersion, bands, columns)
+    width = frame_width(dispersion, lower, upper, columns)
     factor = exposure_s * camera.throughput_m2_sr
     return BandModel(
         masks,
@@ -163,10 +164,13 @@ def physical_model(
     )
 
 
-def frame_width(dispersion: Dispersion, bands: Bands, columns: int) -> int:
-    """Return W: sensor columns from pixel 0 of mirror column 0 to the last band's pixel of the last mirror column."""
-    reach = dispersion.position_px(bands.center)[0]
-    return columns + max(0, round(float(reach.max())))
+def frame_width(dispersion: Dispersion, lower_nm: np.ndarray, upper_nm: np.ndarray, columns: int) -> int:
+    """Return W: sensor columns from pixel 0 of mirror column 0 to the pixel in which the last mirror column's last band ends.
+
+    N + K - 1 for the paper's bands. An end that reaches less than 0.05 px into a pixel does not open it.
+    """
+    reach = max(float(dispersion.position_px(edge)[0].max()) for edge in (lower_nm, upper_nm))
+    return columns + max(0, math.ceil(reach - 0.5 - 0.05))
 
 
 def curve_integrals(sensor: Sensor, lower_nm: np.ndarray, upper_nm: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
@@ -24,6 +25,9 @@ from optsim.cube import Bands
 
 if TYPE_CHECKING:
     import xarray as xr
+
+MAX_STEP_PX = 0.5
+"""Fine wavelengths farther apart than this leave gaps between their footprints."""
 
 
 class Exposure(Model):
@@ -98,6 +102,7 @@ def photograph(
         "cube_range_nm": f"{fine.bands.lower[0]:g}-{fine.bands.upper[-1]:g}",
         "bandpass_nm": f"{camera.bandpass.lower_nm:g}-{camera.bandpass.upper_nm:g}",
         "field_error_px": layout.field.error_px,
+        "wavelength_step_px": _check_step(layout),
         "versions": versions(),
         **_photons(detected, budgets, time_s),
     }
@@ -130,6 +135,18 @@ def _prepare(camera: CameraConfig, sensor: Sensor, bands: Bands, fine: FineCube,
         reflected=np.where(field.valid, 0.0, passed),
     )
     return layout, weights
+
+
+def _check_step(layout: Layout) -> float:
+    """Return the largest step between neighbouring fine wavelengths on the axis in px; warn where they lie apart like beads."""
+    x, _ = layout.field.at(np.zeros(1), np.zeros(1))
+    both = layout.field.valid[1:] & layout.field.valid[:-1]
+    step = float(np.abs(np.diff(x[:, 0]))[both].max(initial=0.0))
+    if step > MAX_STEP_PX:
+        warnings.warn(
+            f"the cube's wavelengths lie up to {step:.2g} px apart on the sensor; render more of them (--subdivide)", stacklevel=3
+        )
+    return step
 
 
 def _photon_share(lower_nm: np.ndarray, upper_nm: np.ndarray) -> np.ndarray:

@@ -82,6 +82,11 @@ def test_the_frame_has_n_plus_k_minus_1_columns_for_the_paper_bands_in_every_mod
         assert model.width == 9 + 23
 
 
+@pytest.mark.parametrize(("edges", "reach"), [((453.84, 670.0), 23), ((500, 600), 19), ((455, 456), 0), ((450, 452), 0)])
+def test_the_frame_ends_with_the_pixel_in_which_the_last_band_ends(edges, reach):
+    assert physical_model(CameraConfig(), Mono(), Bands.from_edges(list(edges)), np.ones((1, 2, 8))).width == 8 + reach
+
+
 def test_D2_closed_mirrors_measure_nothing():
     frames = measure_matched(cube_of((4, 5), PAPER), Foveon.sigma(), np.zeros((2, 4, 5)))
     assert frames["frames"].shape == (2, 3, 4, 28)

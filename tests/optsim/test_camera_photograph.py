@@ -32,6 +32,7 @@ from optsim.cube import Bands, make_cube
 from optsim.errors import InputError
 from scenes.spectrum import Spectrum
 
+pytestmark = pytest.mark.filterwarnings("ignore:the cube.s wavelengths lie up to")  # stepped dispersions are meant to jump
 PLANCK, LIGHT = 6.62607015e-34, 299792458.0
 ONE_TO_ONE = Relay(collimator_mm=138.2, focal_mm=138.2 * 9.9 / 13.68)
 PAPER = Bands.paper()
@@ -471,6 +472,14 @@ def test_a_flat_scene_interpolates_to_itself():
 def test_a_fine_cube_is_not_interpolated_though_allowed():
     frames = photograph(fine_cube((4, 5), PAPER), PAPER, CameraConfig(), Mono(), np.ones((1, 4, 5)), Exposure(interpolate=Interpolate()))
     assert frames.attrs["model"] == "physical"
+
+
+def test_wavelengths_that_lie_apart_on_the_sensor_are_warned_of():
+    bands = Bands.from_edges([500, 600])
+    with pytest.warns(UserWarning, match=r"1\.4 px apart"):
+        frames = photograph(fine_cube((3, 4), bands), bands, CameraConfig(), Mono(), np.ones((1, 3, 4)))
+    assert frames.attrs["wavelength_step_px"] > 1
+    assert photograph(fine_cube((3, 4), PAPER), PAPER, CameraConfig(), Mono(), np.ones((1, 3, 4))).attrs["wavelength_step_px"] < 0.13
 
 
 def test_cubes_with_gaps_or_missing_bands_are_refused():
