@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from optsim.errors import InputError
@@ -91,6 +92,6 @@ def film_size(size: tuple[int, int], oversample: int) -> tuple[int, int]:
     except (TypeError, ValueError):
         raise InputError("render.size", size, allowed) from None
     for side in (height, width):
-        if isinstance(side, bool) or int(side) != side or not 1 <= side * oversample <= MAX_SIDE:
+        if isinstance(side, bool) or not isinstance(side, int | np.integer) or not 1 <= side * oversample <= MAX_SIDE:
             raise InputError("render.size", tuple(size), allowed)
     return int(height) * oversample, int(width) * oversample
