@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, MONO_REPEATED, SERIES, RunData, Series
 from optsim.report.select import Recipe, db, listing, main_recipe, pick, ratio_text, ratios, score, scores_at, span_text
-from optsim.report.wording import compare, model_text, ordering, outcome, recipe_text, side, solver_text, swaps
+from optsim.report.wording import compare, few, model_text, ordering, outcome, recipe_text, side, solver_text, swaps
 
 EXPECTED = (MONO_REPEATED, BAYER, FOVEON, MONO_DISTINCT)
 """The ordering, ascending, that a throw-away prototype found by basis pursuit before this program was written."""
@@ -116,7 +116,7 @@ def over_ratios(run: RunData, recipe: Recipe, main: tuple[str, float]) -> Findin
             count += 1
             changed = swaps(reference, scores_at(run, recipe, target, R))
             if changed:
-                exceptions.append(f"{target}, R = {ratio_text(R)}: {listing(changed)}")
+                exceptions.append(f"{target}, R = {ratio_text(R)}: {few(changed)}")
     others = "the other combination" if count == 1 else f"all {count} other combinations"
     if count == 0:
         text = "Only one target and one R were run."
@@ -174,7 +174,7 @@ def tau_finding(run: RunData, main: Recipe, target: str) -> Finding:
                 changed += [f"with the {word} tau at R = {ratio_text(R)} {swap}" for swap in swaps(reference, scores)]
             both = [s for s in SERIES if s.key in found["oracle"] and s.key in found["auto"]]
             costs += [(found["oracle"][s.key] - found["auto"][s.key], f"{s.short}, R = {ratio_text(R)}") for s in both]
-    text = f"Against {name}, {'; '.join(changed)}." if changed else f"The ordering is that of {name} at every tau and R in this table."
+    text = f"Against {name}, {few(changed, 6)}." if changed else f"The ordering is that of {name} at every tau and R in this table."
     if len(rows) < 2 or all(row.count("not run") > len(SERIES) - 2 for row in rows):
         text = "Too few scores to compare orderings."
     if costs:
@@ -216,7 +216,7 @@ def matched_finding(run: RunData, recipe: Recipe, target: str, R: float) -> Find
             moves = [scores[key] - base[key] for key in scores if key in base]
             if moves:
                 changed = swaps(base, scores)
-                verdict = f"and changes the ordering ({'; '.join(changed)})" if changed else "and leaves the ordering as it is"
+                verdict = f"and changes the ordering ({few(changed)})" if changed else "and leaves the ordering as it is"
                 verdict = verdict if len(moves) > 1 else "(one sensor only)"
                 early = sum(row.converged is False for row in pick(run, physical, target, R=R))
                 verdict += f"; {early} of these solves stopped before their tolerance" if early else ""

@@ -33,8 +33,8 @@ def ordering(scores: Mapping[str, float], numbers: bool = True) -> str:
     for i, s in enumerate(ranked):
         if i:
             text += " ≈ " if scores[s.key] - scores[ranked[i - 1].key] < TIE_DB else " < "
-        text += f"{s.short} {scores[s.key]:.2f}" if numbers else s.short
-    return f"{text} dB" if text and numbers else text
+        text += f"{s.short}\u00a0{scores[s.key]:.2f}" if numbers else s.short
+    return f"{text}\u00a0dB" if text and numbers else text
 
 
 def outcome(scores: Mapping[str, float], mono: Series) -> str | None:
@@ -61,6 +61,12 @@ def swaps(reference: Mapping[str, float], other: Mapping[str, float]) -> list[st
             if side(first) != side(second):
                 found.append(f"{a.short} − {b.short} is {db(second, sign=True)} instead of {db(first, sign=True)}")
     return found
+
+
+def few(changes: Sequence[str], most: int = 3) -> str:
+    """Join changes, the first ones in full and the rest by number."""
+    rest = len(changes) - most
+    return "; ".join([*changes[:most], *([f"and {rest} more pair{'s' if rest > 1 else ''}"] if rest > 0 else [])])
 
 
 def recipe_text(recipe: Recipe) -> str:
