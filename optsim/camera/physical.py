@@ -89,23 +89,7 @@ def photograph(
     mean, detected, budgets = _measure(layout, weights, masks, unit.mosaic, fine)
     time_s = _time(mean, exposure, camera.sensor.full_well_e)
     model, values = unit.scaled(time_s), mean * time_s
-    attrs: dict[str, Any] = {
-        "units": "electron",
-        "model": "physical-interpolated" if fine.interpolated else "physical",
-        "masks": exposure.masks_name,
-        "operator": exposure.shifts.name,
-        "exposure_s": time_s,
-        "full_well": camera.sensor.full_well_e,
-        "gain": 1.0,
-        "seed": exposure.seed,
-        "camera": camera.to_toml(),
-        "cube_range_nm": f"{fine.bands.lower[0]:g}-{fine.bands.upper[-1]:g}",
-        "bandpass_nm": f"{camera.bandpass.lower_nm:g}-{camera.bandpass.upper_nm:g}",
-        "field_error_px": layout.field.error_px,
-        "wavelength_step_px": _check_step(layout),
-        "versions": versions(),
-        **_photons(detected, budgets, time_s),
-    }
+    attrs = _attributes(camera, exposure, fine, layout, time_s) | _photons(detected, budgets, time_s)
     if exposure.noise is not None:
         values, model, read = add_noise(
             values, model, exposure.noise, full_well_e=camera.sensor.full_well_e, exposure_s=time_s, seed=exposure.seed
@@ -118,9 +102,9 @@ def _prepare(camera: CameraConfig, sensor: Sensor, bands: Bands, fine: FineCube,
     """Trace the field and integrate the spectral weights of every fine band, for one second."""
     rows, columns = fine.shape[0] // fine.samples, fine.shape[1] // fine.samples
     half = camera.dmd.pitch_um / 2000
-    field = fit_field(camera.dispersion, fine.bands.center, columns * half, rows * half)
-    layout = Layout(field, (rows, columns), fine.samples, (rows, width), camera.mirror_px)
     lower, upper = camera.bandpass.clip(fine.bands.lower, fine.bands.upper)
+    field = fit_field(camera.dispersion, (lower + upper) / 2, columns * half, rows * half)  # blocked light needs no place of its own
+    layout = Layout(field, (rows, columns), fine.samples, (rows, width), camera.mirror_px)
     throughput = camera.throughput_m2_sr
     full, passed = (throughput * _photon_share(*edges) for edges in ((fine.bands.lower, fine.bands.upper), (lower, upper)))
     known = np.zeros(fine.bands.count)
@@ -175,6 +159,25 @@ def _time(mean_per_s: np.ndarray, exposure: Exposure, full_well_e: float) -> flo
         return float(exposure.time_s)
     brightest = float(mean_per_s.max())
     return exposure.fill * full_well_e / brightest if brightest > 0 else 1.0
+
+
+def _attributes(camera: CameraConfig, exposure: Exposure, fine: FineCube, layout: Layout, time_s: float) -> dict[str, Any]:
+    return {
+        "units": "electron",
+        "model": "physical-interpolated" if fine.interpolated else "physical",
+        "masks": exposure.masks_name,
+        "operator": exposure.shifts.name,
+        "exposure_s": time_s,
+        "full_well": camera.sensor.full_well_e,
+        "gain": 1.0,
+        "seed": exposure.seed,
+        "camera": camera.to_toml(),
+        "cube_range_nm": f"{fine.bands.lower[0]:g}-{fine.bands.upper[-1]:g}",
+        "bandpass_nm": f"{camera.bandpass.lower_nm:g}-{camera.bandpass.upper_nm:g}",
+        "field_error_px": layout.field.error_px,
+        "wavelength_step_px": _check_step(layout),
+        "versions": versions(),
+    }
 
 
 def _photons(detected: np.ndarray, budgets: list[Budget], time_s: float) -> dict[str, float]:

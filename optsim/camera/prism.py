@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optsim.camera.arrays import NUMPY, Array, Kernels, Ops
-from optsim.camera.glass import Glass, Rational, glass
+from optsim.camera.glass import Glass, glass
 from optsim.camera.model import Model, ranged
 from optsim.camera.relay import Relay
 from optsim.camera.trace import Traced, image_point, trace_faces
@@ -129,7 +129,7 @@ class DoubleAmici(Model):
     def directions(self, ops: Ops, wavelength_nm: Array, X_mm: Array, Y_mm: Array, values: PrismValues) -> Traced:
         """Return the wave vectors behind the prism; k_y stays Y (theory.md (C.4))."""
         squared_um = wavelength_nm * wavelength_nm * 1e-6
-        outer, inner = _excess(self.outer.rational, squared_um), _excess(self.inner.rational, squared_um)
+        outer, inner = self.outer.rational.excess(squared_um), self.inner.rational.excess(squared_um)
         first, half = values.apex_outer_rad, values.apex_inner_rad / 2
         tilts = [(ops.sin(t), ops.cos(t)) for t in (first - half, -half, half, half - first)]
         norm2 = X_mm * X_mm + Y_mm * Y_mm + values.collimator_mm * values.collimator_mm
@@ -175,10 +175,6 @@ def direct_view_apex(outer: Glass, inner: Glass, apex_inner_rad: float, design_n
         return half
     tilt = math.atan2(math.sin(turn), math.cos(turn) - 1 / n1)
     return tilt + half
-
-
-def _excess(rational: Rational, squared_um: Array) -> Array:
-    return rational.excess(squared_um)
 
 
 def _field(value: ArrayLike, name: str) -> np.ndarray:

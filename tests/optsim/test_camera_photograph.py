@@ -497,6 +497,16 @@ def test_cubes_with_gaps_or_missing_bands_are_refused():
 # --- exposure --------------------------------------------------------------------------------------------------
 
 
+def test_light_that_the_band_pass_blocks_may_lie_outside_the_glasses_range():
+    bands = Bands.from_edges([500, 510])
+    wide = Bands.from_edges([200, *np.linspace(445, 675, 231), 3000])
+    frames = photograph(make_cube(np.ones((4, 6, 232)), wide), bands, CameraConfig(), Mono(), np.ones((1, 2, 3)))
+    photons = np.diff(np.array([200.0, 450, 670, 3000]) ** 2)
+    assert frames.attrs["photons_blocked"] / frames.attrs["photons_sent"] == pytest.approx(
+        (photons[0] + photons[2]) / photons.sum(), rel=1e-9
+    )
+
+
 def test_the_brightest_pixel_reaches_nine_tenths_of_the_full_well():
     camera = CameraConfig(sensor=SensorConfig(full_well_e=7000.0))
     for sensor in sensors():
