@@ -213,11 +213,9 @@ def spread_taps(dispersion: Dispersion, mirror_px: float, lower_nm: np.ndarray, 
 def _share_below(t: np.ndarray, a: np.ndarray, b: np.ndarray, box: float) -> np.ndarray:
     """Return the share below t of (box of width ``box`` around 0) convolved with (box from a to b): a trapezoid's integral."""
 
-    def ramp(u: np.ndarray) -> np.ndarray:
-        return np.maximum(u, 0) ** 2 / 2
+    def mean_ramp(u: np.ndarray) -> np.ndarray:
+        """Average max(u - p, 0) over p from a to b, without dividing small differences by b - a."""
+        inside = (u > a) & (u < b)
+        return np.where(u >= b, u - (a + b) / 2, np.where(inside, (u - a) ** 2 / (2 * np.where(inside, b - a, 1.0)), 0.0))
 
-    half, width = box / 2, b - a
-    point = width < 1e-7 * max(box, 1e-300)
-    full = ramp(t - a + half) - ramp(t - b + half) - ramp(t - a - half) + ramp(t - b - half)
-    share = full / np.where(point, 1.0, width * box)
-    return np.clip(np.where(point, (t - (a + b) / 2 + half) / box, share), 0, 1)
+    return np.clip((mean_ramp(t + box / 2) - mean_ramp(t - box / 2)) / box, 0, 1)
