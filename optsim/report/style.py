@@ -103,13 +103,18 @@ def save(figure: Figure, directory: Path, name: str) -> tuple[Path, Path]:
     Raises:
         InputError: when the name is not a plain file stem.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
     if not name or not all(c.isascii() and (c.isalnum() or c in "-_") for c in name):
         raise InputError("figure.name", name, "letters, digits, - and _ only")
     directory.mkdir(parents=True, exist_ok=True)
     png, pdf = directory / f"{name}.png", directory / f"{name}.pdf"
-    figure.savefig(png, dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    # Printed through the canvases: savefig would draw every figure once more to measure it.
+    figure.set_dpi(DPI)
+    FigureCanvasAgg(figure).print_png(png, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
     figure.set_layout_engine("none")  # the places are found: don't look for them again
-    figure.savefig(pdf, dpi=DPI, metadata={"CreationDate": None, "Producer": None, "Creator": None})
+    FigureCanvasPdf(figure).print_pdf(pdf, metadata={"CreationDate": None, "Producer": None, "Creator": None})
     return png, pdf
 
 
