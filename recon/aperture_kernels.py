@@ -47,7 +47,7 @@ def forward_rows(
                     shift = start[k] + t
                     a, b = max(0, -shift), min(columns, width - shift)
                     tap = taps[k, t]
-                    if tap == 0:
+                    if tap == 0 or b <= a:
                         continue
                     if mosaic:
                         _add_product(tap, tile[tile_of[m], k, a + shift : b + shift], seen[a:b], out[l, 0, m, a + shift : b + shift])
@@ -75,7 +75,7 @@ def adjoint_rows(
                     shift = start[k] + t
                     a, b = max(0, -shift), min(columns, width - shift)
                     tap = taps[k, t]
-                    if tap == 0:
+                    if tap == 0 or b <= a:
                         continue
                     if mosaic:
                         _add_product(tap, tile[tile_of[m], k, a + shift : b + shift], y[l, 0, m, a + shift : b + shift], back[a:b])
@@ -110,7 +110,7 @@ def gram_rows(
                         shift = start[k] + t
                         a, b = max(0, -shift), min(columns, width - offset - shift)
                         pair = taps[k, t] * taps[k, t + offset]
-                        if pair == 0:
+                        if pair == 0 or b <= a:
                             continue
                         u, v = a + shift, b + shift
                         if mosaic:

@@ -6,14 +6,14 @@ from recon import aperture_kernels, threads
 from recon.coded_aperture import CodedAperture
 from recon.data_step import Sums, merge_repeats, mosaic_tile, whiten
 
-REGULAR = 1e-6  # of the largest diagonal entry: what is added when rho = 0
+REGULAR = {"float32": 1e-6, "float64": 1e-11}  # of the largest diagonal entry: what is added when rho = 0
 
 
 class BandedStep:
     """One banded Cholesky factor a sensor row, made once in float64, applied in the operator's type.
 
-    With rho = 0 a banded factor cannot leave out eigenvalues, so 1e-6 of the largest diagonal entry of H H^T is added instead:
-    the projection is then that of Eq. 4 with a tau that small, and what it leaves of g - H f is in ``Solution.residual``.
+    With rho = 0 a banded factor cannot leave out eigenvalues, so 1e-6 (float64: 1e-11) of the largest diagonal entry of H H^T
+    is added instead: basis pursuit becomes Eq. 4 with a tau that small, and what it leaves of g - H f is in ``Solution.residual``.
     """
 
     def __init__(self, operator: CodedAperture, frames: np.ndarray, rho: float) -> None:
@@ -57,7 +57,7 @@ def _factor(exact: tuple[np.ndarray, ...], shape: tuple[int, ...], rho: float, d
     factor = np.empty((groups, width * size, half + 1, lanes), dtype)
     if rho == 0:
         every = (_gram(exact, slice(g * lanes, (g + 1) * lanes), 0, size, width) for g in range(groups))
-        rho = REGULAR * max(float(np.einsum("mssj->msj", gram).max()) for gram in every)
+        rho = REGULAR[dtype.name] * max(float(np.einsum("mssj->msj", gram).max()) for gram in every)
     for group in range(groups):
         band = _band(exact, slice(group * lanes, (group + 1) * lanes), size, width, half, lanes)
         band[:, :, 0] += rho

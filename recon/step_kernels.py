@@ -65,7 +65,8 @@ def advance_rows(
                 left[l * channels + c, :] = frames[l, c, m]
         for k in range(bands):
             shift = start[k]
-            a, b = max(0, -shift), min(columns, width - shift)
+            a = min(max(0, -shift), columns)
+            b = max(a, min(columns, width - shift))
             row, wrow, xrow = z[k, m], w[k, m], x[k, m]
             gap += _relax(row, wrow, xrow, relax)
             for l in range(shots):
@@ -90,7 +91,8 @@ def advance_rows(
         moved = 0.0
         for k in range(bands):
             shift = start[k]
-            a, b = max(0, -shift), min(columns, width - shift)
+            a = min(max(0, -shift), columns)
+            b = max(a, min(columns, width - shift))
             row, wrow, xrow = z[k, m], w[k, m], x[k, m]
             seen[:] = 0
             for l in range(shots):

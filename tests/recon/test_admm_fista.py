@@ -1,0 +1,182 @@
+"""ADMM and FISTA on Eq. 4: the same minimum by two routes, and no lower one by pylops."""
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import lsqr
+
+from recon.admm import Admm
+from recon.basis import Kronecker
+from recon.coded_aperture import CodedAperture
+from recon.errors import InputError
+from recon.fista import Fista
+from recon.solve import reconstruct
+
+
+def tau_max_of(operator: CodedAperture, frames: np.ndarray, basis: Kronecker) -> float:
+    return 2 * float(np.abs(basis.analysis(operator.adjoint(frames))).max())
+
+
+def eq4(operator: CodedAperture, frames: np.ndarray, basis: Kronecker, cube: np.ndarray, tau: float) -> float:
+    gap = frames - operator.forward(cube)
+    return float((gap**2).sum() + tau * np.abs(basis.analysis(cube)).sum())
+
+
+@pytest.mark.parametrize("spread", [False, True])
+@pytest.mark.parametrize("fraction", [1e-3, 1e-2])
+@pytest.mark.parametrize(("sensor", "shots"), [("mono", 3), ("bayer", 1), ("foveon", 2)])
+def test_admm_and_fista_reach_the_same_objective(sensor, shots, fraction, spread, camera_of, cube_of):
+    operator = camera_of(sensor, shots, 32, 12, spread=spread)
+    basis = Kronecker(wavelet="db2", level=3)
+    frames = operator.forward(cube_of(32, 12))
+    tau = fraction * tau_max_of(operator, frames, basis)
+    solvers = (Admm(tau=tau, tolerance=1e-6, max_iterations=20000), Fista(tau=tau, tolerance=1e-9, max_iterations=20000))
+    answers = [reconstruct(operator, frames, basis=basis, solver=solver) for solver in solvers]
+    assert all(answer.stop.converged for answer in answers)
+    assert answers[0].objective == pytest.approx(answers[1].objective, rel=1e-5)
+    for answer in answers:
+        assert answer.objective == pytest.approx(eq4(operator, frames, basis, answer.cube, tau), rel=1e-9)
+        assert answer.tau == pytest.approx(tau)
+        assert answer.tau_max == pytest.approx(tau / fraction)
+
+
+def test_the_default_tolerances_leave_less_than_1e_3_of_the_objective(camera_of, cube_of):
+    operator = camera_of("bayer", 1, 32, 12, dtype=np.float32)
+    basis = Kronecker(wavelet="db2", level=3)
+    frames = operator.astype(np.float64).forward(cube_of(32, 12))
+    tau = 1e-3 * tau_max_of(operator.astype(np.float64), frames, basis)
+    best = reconstruct(operator, frames, basis=basis, solver=Admm(tau=tau, tolerance=1e-6, max_iterations=9000)).objective
+    for solver in (Admm(tau=tau), Fista(tau=tau)):
+        assert reconstruct(operator, frames, basis=basis, solver=solver).objective == pytest.approx(best, rel=1e-3)
+
+
+def test_pylops_fista_reaches_no_lower_objective(camera_of, cube_of):
+    import pylops
+
+    operator = camera_of("mono", 2, 32, 8)
+    rows, columns, bands = operator.in_shape
+    basis = Kronecker(wavelet="db2", level=3)
+    frames = operator.forward(cube_of(32, 8))
+    tau = 3e-3 * tau_max_of(operator, frames, basis)
+    shots = []
+    for mask in operator.masks:
+        pads = [pylops.Pad((rows, columns), ((0, 0), (k, operator.width - columns - k))) for k in range(bands)]
+        shots.append(pylops.HStack([pad @ pylops.Diagonal(mask.ravel()) for pad in pads], forceflat=True))
+    h = pylops.VStack(shots, forceflat=True)
+    wavelet = pylops.signalprocessing.DWT2D((bands, rows, columns), axes=(1, 2), wavelet="db2", level=3)
+    psi = pylops.signalprocessing.DCT(wavelet.dimsd, axes=0) @ wavelet
+    step = 1 / np.linalg.norm(operator.dense(), 2) ** 2
+    # pylops thresholds at eps * alpha / 2, so it minimises Eq. 4 with eps = tau; the cost that it logs is another one
+    found = pylops.optimization.sparsity.fista(h, frames.ravel(), niter=3000, eps=tau, alpha=step, SOp=psi, tol=0)[0]
+    cube = found.reshape(bands, rows, columns).transpose(1, 2, 0)
+    theirs = eq4(operator, frames, basis, cube, tau)
+    for solver in (Admm(tau=tau, tolerance=1e-6, max_iterations=9000), Fista(tau=tau, tolerance=1e-9, max_iterations=9000)):
+        ours = reconstruct(operator, frames, basis=basis, solver=solver).objective
+        assert ours <= theirs * (1 + 1e-6)
+        assert ours == pytest.approx(theirs, rel=1e-4)
+
+
+def test_X3_tau_0_is_least_squares_as_lsqr_finds_it(camera_of):
+    operator = camera_of("foveon", 2, 8, 4)
+    draw = np.random.Generator(np.random.Philox(1))
+    frames = draw.standard_normal(operator.out_shape)
+    dense = operator.dense()
+    g = frames.transpose(0, 1, 3, 2).ravel()
+    expected = lsqr(dense, g, atol=1e-14, btol=1e-14, iter_lim=10000)[0]
+    solution = reconstruct(operator, frames, solver=Admm(tau=0))
+    assert "unregularised" in str(solution.stop)
+    best = np.linalg.norm(dense @ expected - g) ** 2
+    assert solution.objective >= best * (1 - 1e-10)
+    consistent = operator.forward(draw.standard_normal(operator.in_shape))
+    expected = lsqr(dense, consistent.transpose(0, 1, 3, 2).ravel(), atol=1e-14, btol=1e-14, iter_lim=10000)[0]
+    exact = reconstruct(operator, consistent, solver=Admm(tau=0)).cube
+    np.testing.assert_allclose(exact.transpose(2, 1, 0).ravel(), expected, atol=1e-8)
+    slow = reconstruct(operator, frames, solver=Fista(tau=0, tolerance=1e-12, max_iterations=50000))
+    assert "unregularised" in str(slow.stop)
+    assert slow.objective == pytest.approx(best, rel=1e-6)
+    assert solution.objective == pytest.approx(best, rel=1e-6)
+
+
+@pytest.mark.parametrize("make", [Admm, Fista])
+def test_X4_tau_at_or_above_tau_max_gives_exactly_zero_at_once(make, camera_of, cube_of):
+    operator = camera_of("bayer", 2, 16, 6)
+    basis = Kronecker(wavelet="haar", level=2)
+    frames = operator.forward(cube_of(16, 6))
+    top = tau_max_of(operator, frames, basis)
+    above = reconstruct(operator, frames, basis=basis, solver=make(tau=top * 1.000001))
+    assert above.iterations == 0
+    assert above.stop.converged
+    assert not above.cube.any()
+    assert f"tau_max = {top:.4g}" in str(above.stop)
+    assert above.tau_max == pytest.approx(top)
+    below = reconstruct(operator, frames, basis=basis, solver=make(tau=top * 0.99, tolerance=1e-7, max_iterations=5000))
+    assert below.cube.any()
+
+
+@pytest.mark.parametrize("tau", [-1.0, np.nan, np.inf])
+@pytest.mark.parametrize("make", [Admm, Fista])
+def test_a_negative_or_nan_tau_is_refused(make, tau):
+    with pytest.raises(InputError, match=rf"^{make.__name__}\.tau: must be"):
+        make(tau=tau)
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e12])
+@pytest.mark.parametrize("make", [Admm, Fista])
+def test_X8_frames_and_tau_scaled_together_scale_the_answer(make, scale, camera_of, cube_of):
+    operator = camera_of("foveon", 1, 32, 8, dtype=np.float32)
+    frames = operator.astype(np.float64).forward(cube_of(32, 8))
+    tau = 0.01 * tau_max_of(operator.astype(np.float64), frames, Kronecker())
+    plain = reconstruct(operator, frames, solver=make(tau=tau))
+    bright = reconstruct(operator, frames * scale, solver=make(tau=tau * scale))
+    assert bright.tau == pytest.approx(tau * scale)
+    np.testing.assert_allclose(bright.cube.astype(np.float64) / scale, plain.cube, atol=1e-6 * np.abs(plain.cube).max())
+    assert bright.objective == pytest.approx(scale**2 * plain.objective, rel=1e-6)
+
+
+def test_X9_a_step_above_2_over_L_is_noticed_and_shortened(camera_of, cube_of):
+    operator = camera_of("mono", 2, 32, 8)
+    frames = operator.forward(cube_of(32, 8))
+    tau = 0.01 * tau_max_of(operator, frames, Kronecker())
+    good = reconstruct(operator, frames, solver=Fista(tau=tau, tolerance=1e-8, max_iterations=5000))
+    bold = reconstruct(operator, frames, solver=Fista(tau=tau, lipschitz=0.7, tolerance=1e-8, max_iterations=5000))
+    assert "above 2/L" in str(bold.stop)
+    assert "above 2/L" not in str(good.stop)
+    assert bold.objective == pytest.approx(good.objective, rel=1e-5)
+
+
+@pytest.mark.parametrize("make", [Admm, Fista])
+def test_X15_shots_taken_n_times_with_n_tau_have_the_same_minimiser(make, camera_of, cube_of):
+    once = camera_of("bayer", 2, 32, 8)
+    thrice = once.replace(masks=np.repeat(once.masks, 3, axis=0))
+    truth = cube_of(32, 8)
+    tau = 0.003 * tau_max_of(once, once.forward(truth), Kronecker())
+    tight = {"tolerance": 1e-9 if make is Fista else 1e-7, "max_iterations": 20000}
+    one = reconstruct(once, once.forward(truth), solver=make(tau=tau, **tight))
+    three = reconstruct(thrice, thrice.forward(truth), solver=make(tau=3 * tau, **tight))
+    assert three.objective == pytest.approx(3 * one.objective, rel=1e-6)
+    assert np.linalg.norm(three.cube - one.cube) < 2e-3 * np.linalg.norm(one.cube)
+
+
+@pytest.mark.parametrize("make", [Admm, Fista])
+def test_the_callback_sees_a_falling_objective_and_may_end_the_solve(make, camera_of, cube_of):
+    operator = camera_of("mono", 3, 32, 8)
+    frames = operator.forward(cube_of(32, 8))
+    tau = 0.003 * tau_max_of(operator, frames, Kronecker())
+    seen: list[tuple[int, float]] = []
+    solution = reconstruct(operator, frames, solver=make(tau=tau), on_iteration=lambda i, value: seen.append((i, value)))
+    assert [i for i, _ in seen] == list(range(1, solution.iterations + 1))
+    assert seen[-1][1] == pytest.approx(solution.objective, rel=1e-3)
+    assert seen[-1][1] < seen[0][1]
+
+    def interrupt(iteration: int, value: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(operator, frames, solver=make(tau=tau), on_iteration=interrupt)
+
+
+@pytest.mark.parametrize("make", [Admm, Fista])
+def test_bytes_do_not_depend_on_the_number_of_threads(make, camera_of, cube_of):
+    operator = camera_of("bayer", 2, 32, 8, dtype=np.float32)
+    frames = operator.astype(np.float64).forward(cube_of(32, 8))
+    answers = {reconstruct(operator, frames, solver=make(tau=0.1), threads=count).cube.tobytes() for count in (1, 2)}
+    assert len(answers) == 1
