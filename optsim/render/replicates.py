@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -56,5 +57,5 @@ def load(path: Path, digest: str) -> dict[str, np.ndarray] | None:
             if str(file["digest"]) != digest:
                 return None
             return {key: file[key] for key in file.files if key != "digest"}
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
