@@ -43,7 +43,7 @@ class StudyConfig(BaseModel):
     groups: tuple[Groups, ...] = Field((1, 2, 3, 4), min_length=1)
     gpsr_groups: tuple[Groups, ...] = (1, 4)
     physical_groups: tuple[Groups, ...] = (1,)
-    tau_fractions: tuple[Fraction, ...] = Field((1e-3, 3e-4, 1e-4, 3e-5, 1e-5), min_length=1, max_length=5)
+    tau_fractions: tuple[Fraction, ...] = Field((3e-4, 1e-4, 3e-5, 1e-5, 3e-6), min_length=1, max_length=5)
     render_error: float = Field(0.005, gt=1e-5, le=1)
     subdivide: int = Field(10, ge=10, le=100)
     oversample: int = Field(2, ge=2, le=8)

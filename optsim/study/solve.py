@@ -11,7 +11,7 @@ import numpy as np
 from optsim import __version__
 from optsim.study.config import StudyConfig
 from optsim.study.inverse import estimate_of, invert
-from optsim.study.plan import GPSR, SolveTask
+from optsim.study.plan import ADMM, SolveTask
 from optsim.study.store import Store, digest
 from optsim.study.world import world_key
 
@@ -37,7 +37,7 @@ def solve_key(config: StudyConfig, task: SolveTask) -> str:
             "solver_version": SOLVER_VERSION,
             "world": world_key(config, task.shooting.target),
             "task": task.name,
-            "tau_fractions": list(config.tau_fractions) if task.solver == GPSR else None,
+            "tau_fractions": list(config.tau_fractions) if task.needs_tau else None,
         }
     )
 
@@ -52,7 +52,7 @@ def run_solve(config: StudyConfig, task: SolveTask, store: Store, tick: Tick) ->
         tick: called on every iteration; what it raises ends the solve.
 
     Returns:
-        ``rows`` as in summary.json and, for GPSR, ``tau_path``.
+        ``rows`` as in summary.json and, for solvers of Eq. 4, ``tau_path``.
     """
     name, key = f"estimates/{task.name}", solve_key(config, task)
     done = store.finished(name, key)
@@ -64,8 +64,8 @@ def run_solve(config: StudyConfig, task: SolveTask, store: Store, tick: Tick) ->
 
         frames = with_unit_shifts(frames)
     truth = store.load(f"cubes/{task.shooting.target}.nc")["radiance"].values.astype(np.float64)
-    solved = _tuned(config, task, frames, truth, tick) if task.solver == GPSR else _basis_pursuit(config, task, frames, truth, tick)
-    rows, path, solutions = solved
+    solve = _tuned if task.needs_tau else _basis_pursuit
+    rows, path, solutions = solve(config, task, frames, truth, tick)
     datasets = {f"{name}{suffix}.nc": estimate_of(frames, solution) for suffix, solution in solutions.items()}
     return store.keep(name, key, {"rows": rows, "tau_path": path}, datasets)
 
@@ -82,6 +82,7 @@ def _basis_pursuit(config: StudyConfig, task: SolveTask, frames: xr.Dataset, tru
 
 def _tuned(config: StudyConfig, task: SolveTask, frames: xr.Dataset, truth: np.ndarray, tick: Tick) -> Solved:
     from optsim.camera import band_model_of, signal_of
+    from recon import Admm
     from recon.metrics import psnr, score
     from recon.tuning import AutoTau, TauPath, tune
 
@@ -91,6 +92,7 @@ def _tuned(config: StudyConfig, task: SolveTask, frames: xr.Dataset, truth: np.n
         band_model_of(frames).operator(np.float32),
         signal_of(frames),
         auto=rule,
+        refine=Admm(tau=0) if task.solver == ADMM else None,
         score=lambda cube: psnr(cube, truth),
         threads=1,
         on_point=tick,
