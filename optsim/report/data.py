@@ -220,6 +220,7 @@ class TauScore:
         tau_fraction: tau / tau_max.
         psnr_db: score of this point's cube against the truth, or None when exact.
         heldout: held-out error that the automatic rule looks at, or None.
+        solver, model, operator: which path this point lies on, in the words of :class:`Row`.
     """
 
     target: str
@@ -230,6 +231,9 @@ class TauScore:
     tau_fraction: float
     psnr_db: float | None
     heldout: float | None = None
+    solver: str = "gpsr"
+    model: str = "matched"
+    operator: str = "unit-shift"
 
 
 @dataclass(frozen=True, eq=False)

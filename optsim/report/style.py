@@ -98,7 +98,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save(figure: Figure, directory: Path, name: str) -> tuple[Path, Path]:
-    """Write NAME.png and NAME.pdf without dates, so that the same run gives the same bytes.
+    """Write NAME.png and NAME.pdf without dates or versions in them.
 
     Raises:
         InputError: when the name is not a plain file stem.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, MONO_REPEATED, SERIES, RunData, Series
+from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, MONO_REPEATED, R_TOLERANCE, SERIES, RunData, Series
 from optsim.report.select import Recipe, db, listing, main_recipe, pick, ratio_text, ratios, score, scores_at, span_text
-from optsim.report.wording import compare, few, model_text, ordering, outcome, recipe_text, side, solver_text, swaps
+from optsim.report.wording import compare, few, method_text, model_text, ordering, outcome, recipe_text, side, solver_text, swaps
 
 EXPECTED = (MONO_REPEATED, BAYER, FOVEON, MONO_DISTINCT)
 """The ordering, ascending, that a throw-away prototype found by basis pursuit before this program was written."""
@@ -61,7 +61,7 @@ def make_verdict(run: RunData) -> Verdict:
         expectation(run, recipe, target),
         over_ratios(run, recipe, (target, R)),
         tau_finding(run, recipe, target),
-        matched_finding(run, recipe, target, R),
+        matched_finding(run, target, R),
         caution(run),
     )
     return Verdict(title(scores), basis, tuple(sentences), tuple(f for f in findings if f.text or f.rows))
@@ -200,32 +200,44 @@ def cells(run: RunData, recipe: Recipe, target: str, R: float) -> tuple[str, ...
     return tuple(found)
 
 
-def matched_finding(run: RunData, recipe: Recipe, target: str, R: float) -> Finding:
-    """Say what data made by the very operator that inverts them hide."""
+def matched_finding(run: RunData, target: str, R: float) -> Finding:
+    """Say what data made by the very operator that inverts them hide, for each way of solving that was tried on others."""
     label = "What matched data hide"
-    matched = replace(recipe, model="matched", operator="unit-shift")
-    base = scores_at(run, matched, target, R)
-    rows, sentences = [("matched data, the same H", *cells(run, matched, target, R))], []
-    for model in dict.fromkeys(row.model for row in run.rows if row.model != "matched"):
-        for operator, name in (("unit-shift", "unit-shift H"), ("camera", "the camera’s own shifts")):
-            physical = replace(recipe, model=model, operator=operator)
-            scores = scores_at(run, physical, target, R)
-            if not scores:
-                continue
-            rows.append((f"{model_text(model)}, {name}", *cells(run, physical, target, R)))
-            moves = [scores[key] - base[key] for key in scores if key in base]
-            if moves:
-                changed = swaps(base, scores)
-                verdict = f"and changes the ordering ({few(changed)})" if changed else "and leaves the ordering as it is"
-                verdict = verdict if len(moves) > 1 else "(one sensor only)"
-                early = sum(row.converged is False for row in pick(run, physical, target, R=R))
-                verdict += f"; {early} of these solves stopped before their tolerance" if early else ""
-                sentences.append(f"Reconstructing {model_text(model)} with {name} moves the scores by {span_text(moves)} {verdict}.")
-    if not sentences:
+    physical = [row for row in run.rows if row.model != "matched" and row.target == target and abs(row.R - R) <= R_TOLERANCE]
+    if not physical:
         return Finding(label, f"Physical data were not run at R = {ratio_text(R)} on {target}.")
-    lead = "Matched data come from the very H that inverts them; physical data from the traced prism, integrated finely over wavelength."
+    sentences = [
+        "Matched data come from the very H that inverts them; physical data from the traced prism, integrated finely over wavelength."
+    ]
+    methods = dict.fromkeys(Recipe("matched", "unit-shift", row.solver, row.tau_rule) for row in physical)
+    if any(m.tau_rule is None for m in methods) and any(m.tau_rule for m in methods):
+        sentences.append("Basis pursuit fits data exactly, what H does not know of them included; Eq. 4 may leave a residual.")
+    rows = []
+    for matched in methods:
+        rows.append((f"{method_text(matched)}: matched data", *cells(run, matched, target, R)))
+        for model in dict.fromkeys(row.model for row in physical):
+            for operator, name in (("unit-shift", "unit-shift H"), ("camera", "the camera’s own shifts")):
+                recipe = replace(matched, model=model, operator=operator)
+                if pick(run, recipe, target, R=R):
+                    rows.append((f"{method_text(matched)}: {model_text(model)}, {name}", *cells(run, recipe, target, R)))
+                    sentences.append(moved(run, matched, recipe, target, R))
     header = (f"{target}, R = {ratio_text(R)}, dB", *(s.short for s in SERIES))
-    return Finding(label, f"{lead} {' '.join(sentences)}", header, tuple(rows))
+    return Finding(label, " ".join(filter(None, sentences)), header, tuple(rows))
+
+
+def moved(run: RunData, matched: Recipe, recipe: Recipe, target: str, R: float) -> str:
+    """Say by how much a recipe's scores lie off those of matched data, and whether it changes the ordering."""
+    base, scores = scores_at(run, matched, target, R), scores_at(run, recipe, target, R)
+    moves = [scores[key] - base[key] for key in scores if key in base]
+    if not moves:
+        return ""
+    changed = swaps(base, scores)
+    verdict = f" and changes the ordering ({few(changed)})" if changed else " and leaves the ordering as it is"
+    name = {"unit-shift": "unit-shift H", "camera": "the camera’s own shifts"}[recipe.operator]
+    text = f"By {method_text(recipe)}, {model_text(recipe.model)} with {name} moves the scores by {span_text(moves)}"
+    text += verdict if len(moves) > 1 else " (one sensor only)"
+    early = sum(row.converged is False for row in pick(run, recipe, target, R=R))
+    return text + (f"; {early} of these solves stopped before their tolerance." if early else ".")
 
 
 def caution(run: RunData) -> Finding:

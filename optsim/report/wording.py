@@ -72,8 +72,14 @@ def few(changes: Sequence[str], most: int = 3) -> str:
 def recipe_text(recipe: Recipe) -> str:
     """Describe a recipe in words."""
     operator = "" if recipe.model == "matched" else {"unit-shift": ", unit-shift H", "camera": ", the camera’s own H"}[recipe.operator]
-    rule = f" with the {recipe.tau_rule} tau" if recipe.tau_rule else ""
-    return f"{model_text(recipe.model)}{operator}, {solver_text(recipe.solver)}{rule}"
+    return f"{model_text(recipe.model)}{operator}, {method_text(recipe)}"
+
+
+def method_text(recipe: Recipe) -> str:
+    """Describe solver and tau rule alone."""
+    if recipe.tau_rule is None:
+        return solver_text(recipe.solver)
+    return f"Eq. 4, {solver_text(recipe.solver)}, {'automatic' if recipe.tau_rule == 'auto' else recipe.tau_rule} tau"
 
 
 def model_text(model: str) -> str:
