@@ -232,9 +232,9 @@ def moved(run: RunData, matched: Recipe, recipe: Recipe, target: str, R: float) 
     if not moves:
         return ""
     changed = swaps(base, scores)
-    verdict = f" and changes the ordering ({few(changed)})" if changed else " and leaves the ordering as it is"
+    verdict = f" and change the ordering ({few(changed)})" if changed else " and leave the ordering as it is"
     name = {"unit-shift": "unit-shift H", "camera": "the camera’s own shifts"}[recipe.operator]
-    text = f"By {method_text(recipe)}, {model_text(recipe.model)} with {name} moves the scores by {span_text(moves)}"
+    text = f"By {method_text(recipe)}, {model_text(recipe.model)} with {name} score {span_text(moves)} relative to matched data"
     text += verdict if len(moves) > 1 else " (one sensor only)"
     early = sum(row.converged is False for row in pick(run, recipe, target, R=R))
     return text + (f"; {early} of these solves stopped before their tolerance." if early else ".")
