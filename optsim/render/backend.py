@@ -55,8 +55,9 @@ def start() -> Backend:
     return backend
 
 
+@lru_cache(maxsize=1)
 def versions() -> dict[str, str]:
-    """Return the versions of the libraries that a cube depends on, as installed."""
+    """Return the versions of the libraries that a cube depends on, as installed; don't change the answer."""
     found = {"python": platform.python_version()}
     for name in _LIBRARIES:
         try:
@@ -104,7 +105,7 @@ def doctor() -> dict[str, object]:
         "llvm_version": llvm.version,
         "cores": cores(),
         "memory_gib": memory_gib(),
-        "versions": versions(),
+        "versions": dict(versions()),
         "llvm_proof": llvm.proof,
         "llvm_refused": [{"path": r.path, "reason": r.reason} for r in llvm.refused],
         "advice": advice.strip(),

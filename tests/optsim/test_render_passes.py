@@ -59,11 +59,11 @@ def test_noise_of_different_seeds_and_of_neighbouring_pixels_is_independent():
 @pytest.mark.parametrize("scene", [CHART, BLOCK], ids=["chart", "block"])
 @pytest.mark.parametrize("samples", [32, 128])
 def test_the_standard_error_is_the_scatter_of_renders_with_other_seeds(scene, samples):
-    cubes = [render(scene, BANDS, (12, 12), RenderSettings(samples_per_pixel=samples, seed=seed)) for seed in range(24)]
+    cubes = [render(scene, BANDS, (12, 12), RenderSettings(samples_per_pixel=samples, seed=seed)) for seed in range(16)]
     scatter = np.var([c.radiance.values for c in cubes], axis=0, ddof=1).mean((0, 1))
     claimed = np.mean([c.stderr.values.astype(np.float64) ** 2 for c in cubes], axis=0).mean((0, 1))
     ratio = scatter / claimed
-    assert np.all(ratio < 1.35)  # an upper bound, to the noise of a variance over 24 seeds
+    assert np.all(ratio < 1.5)  # an upper bound, to the noise of a variance over 16 seeds
     assert np.all(ratio > 0.5)
 
 
