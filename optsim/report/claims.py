@@ -130,7 +130,7 @@ def whole_spectrum(gallery: Gallery, mono: Series) -> Claim:
 
 
 def aliasing(gallery: Gallery) -> Claim:
-    """Judge "Foveon shows artefacts but no colour aliasing" by the false colour on the finest bars."""
+    """Judge "Foveon shows artefacts but no colour aliasing": at most half of Bayer's false colour on the finest bars."""
     claim = "Target 2: Bayer shows colour aliasing, Foveon does not"
     if TARGET_2 not in gallery.run.truths:
         return Claim(claim, "", f"{TARGET_2} was not run", "not run", "open")
@@ -140,7 +140,7 @@ def aliasing(gallery: Gallery) -> Claim:
         cube = gallery.estimate(TARGET_2, s, MAIN_R)
         if cube is not None:
             errors[s.key] = gallery.chroma_error(cube, TARGET_2, window)
-    found = "mean false colour ΔC*ab on the finest bars, R = 1/8: " + ", ".join(
+    found = "false colour on the finest bars (mean ΔC*ab of 8 × 8 pixel means), R = 1/8: " + ", ".join(
         f"{s.short} {errors[s.key]:.1f}" for s in SERIES if s.key in errors
     )
     if BAYER.key not in errors or FOVEON.key not in errors:

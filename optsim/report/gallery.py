@@ -15,6 +15,10 @@ KEPT = 10
 """Estimates held in memory at once (12.6 MB each at 256 x 256 x 24)."""
 
 
+COHERENT_PX = 8
+"""Side of the squares whose mean colour counts as false colour: four periods of a Bayer mosaic."""
+
+
 class Gallery:
     """Serve truths, estimates and their pictures from a run.
 
@@ -59,11 +63,24 @@ class Gallery:
         """Return the picture (y, x, 3) of a cube in a target's exposure."""
         return srgb(cube, self.bands(target), self.exposure(target))
 
-    def chroma_error(self, cube: np.ndarray, target: str, window: tuple[slice, slice]) -> float:
-        """Return the mean CIE 1976 chroma difference sqrt(da*^2 + db*^2) to the truth inside a window: false colour."""
+    def chroma_error(self, cube: np.ndarray, target: str, window: tuple[slice, slice], block: int = COHERENT_PX) -> float:
+        """Return the mean CIE 1976 chroma difference sqrt(da*^2 + db*^2) to the truth inside a window: false colour.
+
+        Spectra are averaged over block x block pixels first. Aliasing tints whole areas and survives the mean; noise of
+        single pixels does not.
+        """
         bands, exposure = self.bands(target), self.exposure(target)
-        difference = lab(cube[window], bands, exposure) - lab(self.truth(target).radiance[window], bands, exposure)
-        return float(np.mean(np.hypot(difference[..., 1], difference[..., 2])))
+        pair = (block_means(cube[window], block), block_means(self.truth(target).radiance[window], block))
+        estimate, truth = (lab(c, bands, exposure) for c in pair)
+        return float(np.mean(np.hypot(*np.moveaxis(estimate - truth, -1, 0)[1:])))
+
+
+def block_means(cube: np.ndarray, block: int) -> np.ndarray:
+    """Average (y, x, K) over block x block pixels, cutting what is left over; at most the whole picture is one block."""
+    block = min(block, *cube.shape[:2])
+    rows, columns = (n // block for n in cube.shape[:2])
+    cut = np.asarray(cube[: rows * block, : columns * block], np.float64)
+    return cut.reshape(rows, block, columns, block, -1).mean((1, 3))
 
 
 def finest_window(cube: np.ndarray, fraction: float = 0.19) -> tuple[slice, slice]:

@@ -59,3 +59,17 @@ def test_a_run_without_the_second_target_says_not_run(make):
 
 def test_an_empty_run_leaves_every_claim_open():
     assert {c.standing for c in make_claims(Gallery(RunData({"rows": []}, {})))} == {"open"}
+
+
+def test_false_colour_counts_tints_and_not_the_noise_of_single_pixels(make):
+    gallery = Gallery(make(size=64, targets=("color-checker-bars",), ratios=(0.125,), gpsr=False, physical=False))
+    truth = gallery.truth("color-checker-bars").radiance
+    window = (slice(20, 52), slice(8, 40))
+    checks = (np.indices(truth.shape[:2]).sum(0) % 2)[..., None] - 0.5
+    wave = np.cos(np.linspace(0, np.pi, 24))
+    noise = truth + 0.2 * truth.max() * checks * wave
+    tint = truth + 0.02 * truth.max() * wave
+    assert gallery.chroma_error(truth, "color-checker-bars", window) == 0
+    assert gallery.chroma_error(noise, "color-checker-bars", window) < 1e-6
+    assert gallery.chroma_error(noise, "color-checker-bars", window, block=1) > 10
+    assert gallery.chroma_error(tint, "color-checker-bars", window) > 1

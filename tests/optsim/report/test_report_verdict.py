@@ -140,7 +140,9 @@ def test_physical_data_are_compared_with_matched_data_solved_the_same_way(make):
     rows = [dict(row) for row in run.summary["rows"]]
     for row in [r for r in rows if r["solver"] == "basis-pursuit"]:
         for rule in ("auto", "oracle"):
-            rows.append(dict(row, solver="admm", tau=1e-4, tau_rule=rule, psnr_db=row["psnr_db"] - (1.0 if row["model"] == "physical" else 0.0)))
+            rows.append(
+                dict(row, solver="admm", tau=1e-4, tau_rule=rule, psnr_db=row["psnr_db"] - (1.0 if row["model"] == "physical" else 0.0))
+            )
     finding = next(f for f in make_verdict(RunData({"rows": rows}, run.truths)).findings if f.label == "What matched data hide")
     assert len(finding.rows) == 9
     assert "By basis pursuit, physical data with unit-shift H score −0.80 to −0.20 dB relative to" in finding.text
