@@ -98,9 +98,8 @@ def main() -> None:
     if chosen.json:
         print(json.dumps({"bands": 24, "rows": rows}))
         return
-    print(
-        f"{'scene':15s} {'px':>4s} {'route':27s} {'spp':>6s} {'first s':>8s} {'s':>7s} {'nMSE':>10s} {'s x nMSE':>10s} {'ratio':>8s} {'goal':>5s}"
-    )
+    head = ("spp", 6), ("first s", 8), ("s", 7), ("nMSE", 10), ("s x nMSE", 10), ("ratio", 8), ("goal", 5)
+    print(f"{'scene':15s} {'px':>4s} {'route':27s} " + " ".join(f"{word:>{width}s}" for word, width in head))
     for r in rows:
         goal = "" if r["goal"] is None else f"{r['goal']:.0f}{'' if r['met'] else ' !'}"
         print(
