@@ -1,7 +1,8 @@
-"""Gradient projection for sparse reconstruction: the paper's solver (Figueiredo, Nowak, Wright 2007; theory.md S.G)."""
+"""Gradient projection for sparse reconstruction: the paper's solver (Figueiredo, Nowak, Wright 2007; theory.md (S.31) to (S.36))."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +12,9 @@ from recon.basis import Basis
 from recon.coded_aperture import empty_cube
 from recon.config import Config
 from recon.operator import LinearOperator
-from recon.problem import Found, OnIteration, Problem
+from recon.problem import Found, OnIteration, Problem, edge_cases
 from recon.solution import Stop
+from recon.splitting import Limits
 
 if TYPE_CHECKING:
     from recon.gpsr_core import Descent
@@ -37,7 +39,8 @@ class Gpsr(Config):
         continuation_steps: values of tau, falling to the one asked for, that a solve without a start passes through; 1: none.
         debias: afterwards minimise ||g - H Psi theta||^2 over the coefficients that are not zero. Skipped, and said so,
             when they outnumber the measurements.
-        max_iterations: at most this many in all stages; debiasing may add as many again.
+        max_iterations: at most this many in all stages; debiasing may add as many again. 0 returns the first guess.
+        time_limit_s: wall time in s, or None.
         tolerance: stop when the objective changed by less than this part of itself over ten iterations; for debiasing and
             tau = 0: when the gradient of the misfit is this fraction of that at zero.
     """
@@ -47,27 +50,27 @@ class Gpsr(Config):
     monotone: bool = True
     continuation_steps: int = Field(default=5, ge=1, le=100)
     debias: bool = False
-    max_iterations: int = Field(default=3000, ge=0)
+    max_iterations: int = Field(default=3000, ge=0, le=10**7)
+    time_limit_s: float | None = Field(default=None, gt=0)
     tolerance: float = Field(default=1e-5, gt=0, lt=1)
 
     def solve(self, problem: Problem, on_iteration: OnIteration | None = None) -> Found:
         """Solve; the objective that ``on_iteration`` gets is Eq. 4 at the tau of the present stage, in the caller's units."""
         from recon.gpsr_core import Descent
 
-        model = FlatModel(problem.operator, problem.basis)
         tau, tau_max = problem.inner_tau(self.tau), problem.tau_max()
-        if tau >= tau_max:
-            reason = f"tau {self.tau:.6g} is at or above tau_max = {problem.outer_tau(tau_max):.6g}: zero is the exact answer"
-            return Found(model.cube_of(np.zeros(model.size, problem.frames.dtype)), 0, Stop(reason, True), tau, tau_max)
+        if (found := edge_cases(problem, tau, tau_max, self.max_iterations)) is not None:
+            return found
+        model = FlatModel(problem.operator, problem.basis)
         theta = np.zeros(model.size, problem.frames.dtype) if problem.start is None else model.coefficients_of(problem.start)
         descent = Descent(model, problem.frames, theta)
+        limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
         if tau == 0:
-            made, stop = self._least_squares(descent)
+            made, stop = self._least_squares(descent, limits)
         else:
-            stages = self._stages(tau, tau_max, fresh=problem.start is None)
-            made, stop = self._descend(descent, stages, on_iteration, problem.light**2)
-            if self.debias:
-                made, stop = self._debias(descent, made, stop)
+            run = _Run(self, descent, limits, problem.light**2, on_iteration)
+            stop = run.through(self._stages(tau, tau_max, fresh=problem.start is None))
+            made, stop = self._debias(descent, limits, run.made, stop) if self.debias else (run.made, stop)
         return Found(model.cube_of(descent.theta), made, stop, tau, tau_max)
 
     def _stages(self, tau: float, tau_max: float, fresh: bool) -> list[float]:
@@ -77,62 +80,80 @@ class Gpsr(Config):
         ratios = np.linspace(0, 1, self.continuation_steps)[:-1]
         return [float(first * (tau / first) ** r) for r in ratios] + [tau]
 
-    def _descend(self, descent: Descent, stages: list[float], on_iteration: OnIteration | None, scale: float) -> tuple[int, Stop]:
-        made, share = 0, self.max_iterations // (2 * len(stages))
-        for tau in stages[:-1]:
-            made += self._stage(descent, tau, max(self.tolerance, STAGE_TOLERANCE), share, made, on_iteration, scale)[0]
-        more, stop = self._stage(descent, stages[-1], self.tolerance, self.max_iterations - made, made, on_iteration, scale)
-        return made + more, stop
-
-    def _stage(
-        self, descent: Descent, tau: float, tolerance: float, limit: int, before: int, on_iteration: OnIteration | None, scale: float
-    ) -> tuple[int, Stop]:
-        weight = tau / 2
-        values = [descent.objective(weight)]
-        best, best_theta = values[0], None if self.monotone or not self.barzilai_borwein else descent.theta.copy()
-        change = np.inf
-        stop = None
-        for i in range(limit):
-            moved = descent.barzilai_borwein(weight, self.monotone) if self.barzilai_borwein else descent.basic(weight)
-            values.append(descent.objective(weight))
-            if best_theta is not None and values[-1] < best:
-                best = values[-1]
-                best_theta[...] = descent.theta
-            if on_iteration is not None:
-                on_iteration(before + i + 1, values[-1] * scale)
-            if not moved:
-                stop = Stop("no step lowers the objective any more: it is at its minimum to rounding", True)
-                break
-            if len(values) > WINDOW:
-                recent = values[-1 - WINDOW :]
-                change = (max(recent) - min(recent)) / max(values[-1], np.finfo(float).tiny)
-                if change <= tolerance:
-                    stop = Stop(f"the objective changed by {change:.1e} of itself over {WINDOW} iterations (<= {tolerance:.1e})", True)
-                    break
-        if best_theta is not None and best < values[-1]:
-            descent.theta[...] = best_theta
-            descent.refresh()
-        return len(values) - 1, stop or self._limit_reached(change)
-
-    def _limit_reached(self, change: float) -> Stop:
-        pace = f"the objective still changed by {change:.1e} of itself over {WINDOW} iterations, " if np.isfinite(change) else ""
-        return Stop(f"max_iterations = {self.max_iterations} came first; {pace}tolerance {self.tolerance:.1e}: raise max_iterations", False)
-
-    def _least_squares(self, descent: Descent) -> tuple[int, Stop]:
-        made, met, condition = descent.least_squares(None, self.max_iterations, self.tolerance)
+    def _least_squares(self, descent: Descent, limits: Limits) -> tuple[int, Stop]:
+        made, met, condition = descent.least_squares(None, limits)
         reason = f"tau = 0 is unregularised least squares: {made} iterations of conjugate gradients, condition about {condition:.1e}"
         if condition > min(WORST_CONDITION, 1e-3 / float(np.finfo(descent.theta.dtype).eps)):
             return made, Stop(f"{reason}, too ill-conditioned to trust in {descent.theta.dtype}: take tau > 0", False)
-        return made, Stop(reason if met else f"{reason}; tolerance {self.tolerance:.1e} not met: raise max_iterations", met)
+        return made, Stop(reason if met else f"{reason}; tolerance {self.tolerance:.1e} not met: raise the limits", met)
 
-    def _debias(self, descent: Descent, made: int, stop: Stop) -> tuple[int, Stop]:
+    def _debias(self, descent: Descent, limits: Limits, made: int, stop: Stop) -> tuple[int, Stop]:
         count, numbers = descent.nonzeros, descent.measured.size
         if count > numbers:
             return made, Stop(f"{stop.reason}; not debiased: {count:.0f} coefficients for {numbers} measurements", stop.converged)
         support = (descent.theta != 0).astype(descent.theta.dtype)
-        more, met, _ = descent.least_squares(support, self.max_iterations, self.tolerance)
-        note = f"debiased on {count:.0f} coefficients in {more} iterations" + ("" if met else ", which max_iterations ended")
+        more, met, _ = descent.least_squares(support, limits)
+        note = f"debiased on {count:.0f} coefficients in {more} iterations" + ("" if met else ", which the limits ended")
         return made + more, Stop(f"{stop.reason}; {note}", stop.converged and met)
+
+
+@dataclass
+class _Run:
+    """One descent through the stages of tau, within its limits; ``made`` counts the iterations."""
+
+    config: Gpsr
+    descent: Descent
+    limits: Limits
+    scale: float
+    on_iteration: OnIteration | None
+    made: int = 0
+
+    def through(self, stages: list[float]) -> Stop:
+        share = self.limits.max_iterations // (2 * len(stages))
+        for tau in stages[:-1]:
+            self._stage(tau, max(self.limits.tolerance, STAGE_TOLERANCE), self.made + share)
+        return self._stage(stages[-1], self.limits.tolerance, self.limits.max_iterations)
+
+    def _stage(self, tau: float, tolerance: float, last: int) -> Stop:
+        values = [self.descent.objective(tau / 2)]
+        best = None if self.config.monotone or not self.config.barzilai_borwein else self.descent.theta.copy()
+        stop = None
+        while stop is None:
+            stop = self._judge(values, tolerance, last)
+            if stop is None and not self._step(tau / 2):
+                stop = Stop("no step lowers the objective any more: it is at its minimum to rounding", True)
+            elif stop is None:
+                values.append(self.descent.objective(tau / 2))
+                self.made += 1
+                if best is not None and values[-1] < min(values[:-1]):
+                    best[...] = self.descent.theta
+                if self.on_iteration is not None:
+                    self.on_iteration(self.made, values[-1] * self.scale)
+        if best is not None and values[-1] > min(values):
+            self.descent.theta[...] = best
+            self.descent.refresh()
+        return stop
+
+    def _step(self, weight: float) -> bool:
+        if self.config.barzilai_borwein:
+            return self.descent.barzilai_borwein(weight, self.config.monotone)
+        return self.descent.basic(weight)
+
+    def _judge(self, values: list[float], tolerance: float, last: int) -> Stop | None:
+        pace = ""
+        if len(values) > WINDOW:
+            recent = values[-1 - WINDOW :]
+            change = (max(recent) - min(recent)) / max(values[-1], np.finfo(float).tiny)
+            if change <= tolerance:
+                return Stop(f"the objective changed by {change:.1e} of itself over {WINDOW} iterations (<= {tolerance:.1e})", True)
+            pace = f"the objective still changed by {change:.1e} of itself over {WINDOW} iterations, "
+        if self.limits.out_of_time():
+            reason = f"the time limit of {self.limits.time_limit_s:g} s came at iteration {self.made}"
+            return Stop(f"{reason}; {pace}tolerance {tolerance:.1e}: allow more time", False)
+        if self.made >= last:
+            reason = f"max_iterations = {self.limits.max_iterations} came first"
+            return Stop(f"{reason}; {pace}tolerance {tolerance:.1e}: raise max_iterations", False)
+        return None
 
 
 class FlatModel:

@@ -1,4 +1,4 @@
-"""Gradient projection on theta = u - v: steps of GPSR-Basic and GPSR-BB, and debiasing (theory.md S.G).
+"""Gradient projection on theta = u - v: steps of GPSR-Basic and GPSR-BB, and debiasing (theory.md (S.31) to (S.34)).
 
 Everything here is scaled so that the largest measurement is 1; ``weight`` is tau / 2 of that problem, because
 Figueiredo, Nowak and Wright (2007) minimise half of Eq. 4.
@@ -13,6 +13,7 @@ import numpy as np
 
 from recon import gpsr_kernels as kernels
 from recon import threads
+from recon.splitting import Limits
 
 STEP_MIN, STEP_MAX = 1e-30, 1e30
 SUFFICIENT_DECREASE, BACKTRACK = 0.1, 0.5
@@ -74,7 +75,7 @@ class Descent:
         return self.misfit + 2 * weight * self.l1
 
     def barzilai_borwein(self, weight: float, monotone: bool) -> bool:
-        """Make one step of GPSR-BB (section III.B of the paper); tell whether it moved."""
+        """Make one step of GPSR-BB (theory.md (S.33)); tell whether it moved."""
         self._run(kernels.direction, self.theta.size, self.theta, self.back, weight, self.step, self.delta)
         slope, length = self._total(self.theta.size)
         if not slope < 0 or length == 0:
@@ -87,7 +88,7 @@ class Descent:
         return True
 
     def basic(self, weight: float) -> bool:
-        """Make one step of GPSR-Basic (section III.A): Armijo backtracking along the projection arc."""
+        """Make one step of GPSR-Basic (theory.md (S.34)): Armijo backtracking along the projection arc."""
         self._run(kernels.free_gradient, self.theta.size, self.theta, self.back, weight, self.delta)
         length = self._total(self.theta.size)[0]
         if length == 0:
@@ -108,30 +109,23 @@ class Descent:
             self.step *= BACKTRACK
         return False
 
-    def violation(self, weight: float) -> tuple[float, float]:
-        """Return max |A^T r| / weight (at most 1 at a minimiser) and the largest |min(z, grad)|."""
-        self._run(kernels.violation, self.theta.size, self.theta, self.back, weight)
-        largest, gap = self._sums[: kernels.chunk_count(self.theta.size)].max(axis=0)
-        return float(largest), float(gap)
-
-    def least_squares(self, support: np.ndarray | None, iterations: int, tolerance: float) -> LeastSquares:
+    def least_squares(self, support: np.ndarray | None, limits: Limits) -> LeastSquares:
         """Minimise ||g - A theta||^2 by conjugate gradients (CGLS) from the present point.
 
         Args:
             support: 1 for coefficients that may change, else 0; None: all may.
-            iterations: at most this many.
-            tolerance: stop when the gradient on the support is this fraction of |A^T g| there.
+            limits: iterations, time, and the fraction of |A^T g| on the support at which the gradient there is small enough.
         """
         reference = self.model.adjoint(self.measured)
         if support is not None:
             reference *= support
             self.back *= support
-        goal = tolerance**2 * self._square(reference)
+        goal = limits.tolerance**2 * self._square(reference)
         search = self.back.copy()
         power = self._square(self.back)
         steps: list[float] = []
         turns: list[float] = []
-        while power > goal and len(steps) < iterations:
+        while power > goal and len(steps) < limits.max_iterations and not limits.out_of_time():
             self.model.forward(search, self.ahead)
             curvature = self._square(self.ahead)
             if curvature == 0:

@@ -1,4 +1,4 @@
-"""Choosing tau: as a fraction of tau_max, or without ground truth from detector pixels held out (theory.md S.G)."""
+"""Choosing tau: as a fraction of tau_max, or without ground truth from detector pixels held out (theory.md (S.37))."""
 
 from __future__ import annotations
 
@@ -71,10 +71,10 @@ class TauFraction(Config):
 
 
 class TauPath(Config):
-    """Solve Eq. 4 for falling values of tau, each from the solution before.
+    """Solve Eq. 4 for falling values of tau, each from what the solutions before predict.
 
     The start is what keeps a small tau honest: from zero, the same number of iterations leaves it far from its minimum, and
-    the comparison of values of tau then measures the solver.
+    the comparison of values of tau then measures the solver. The prediction (theory.md (S.38)) carries on the last change.
 
     Args:
         fractions: strictly falling values of tau / tau_max, each above 0 and below 1, 1 to 64 of them.
@@ -82,7 +82,7 @@ class TauPath(Config):
     """
 
     fractions: tuple[float, ...] = Field(default=(1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5), min_length=1, max_length=64)
-    solver: SerializeAsAny[Config] = Gpsr(tau=0, max_iterations=100, tolerance=1e-4)
+    solver: SerializeAsAny[Config] = Gpsr(tau=0, max_iterations=80, tolerance=1e-4)
 
     @field_validator("fractions")
     @classmethod
@@ -106,7 +106,7 @@ class TauPath(Config):
         basis: Basis | None = None,
         threads: int | None = None,
         largest: float | None = None,
-        starts: tuple[np.ndarray, ...] = (),
+        guide: tuple[np.ndarray, ...] = (),
         on_point: OnPoint | None = None,
     ) -> tuple[Solution, ...]:
         """Solve along the path; one solution for each fraction.
@@ -117,28 +117,38 @@ class TauPath(Config):
             basis: Psi; None: ``Kronecker.for_shape`` of the cube.
             threads: threads of the kernels; None: all cores.
             largest: tau_max that the fractions refer to; None: that of these frames.
-            starts: first guesses (M, N, K), one a point; empty: each point starts from the one before.
+            guide: cubes (M, N, K) of the same path on nearly the same data, one a point, whose changes predict the starts;
+                empty: each start is predicted from the two points before.
             on_point: called after every point.
 
         Raises:
-            InputError: see :func:`recon.reconstruct`; ``starts`` when there are not as many as fractions.
+            InputError: see :func:`recon.reconstruct`; ``guide`` when there are not as many as fractions.
         """
-        if starts and len(starts) != len(self.fractions):
-            raise InputError("starts", len(starts), f"as many first guesses as fractions, {len(self.fractions)}")
+        if guide and len(guide) != len(self.fractions):
+            raise InputError("guide", len(guide), f"as many cubes as fractions, {len(self.fractions)}")
         if largest is None:
             largest = tau_max(operator, frames, basis=basis, threads=threads)
         found: list[Solution] = []
         for i, fraction in enumerate(self.fractions):
-            start = starts[i] if starts else (found[-1].cube if found else None)
+            start = _followed(guide, found) if guide else self._predicted(found)
             solver = self.solver.model_copy(update={"tau": fraction * largest})
             found.append(reconstruct(operator, frames, basis=basis, solver=cast(Solver, solver), start=start, threads=threads))
             if on_point is not None:
                 on_point(i, found[-1])
         return tuple(found)
 
+    def _predicted(self, found: list[Solution]) -> np.ndarray | None:
+        """Continue the last change, in proportion to the step in log tau, at most in full (theory.md (S.38))."""
+        i = len(found)
+        if i < 2:
+            return found[-1].cube if found else None
+        far, near, next_one = np.log(self.fractions[i - 2 : i + 1])
+        step = min(1.0, float((next_one - near) / (near - far)))
+        return np.asarray(found[-1].cube + found[-1].cube.dtype.type(step) * (found[-1].cube - found[-2].cube))
+
 
 class AutoTau(Config):
-    """Find tau by detector pixels that the solve does not see (theory.md S.G).
+    """Find tau by detector pixels that the solve does not see (theory.md (S.37)).
 
     A share of the detector's pixels, drawn at random, is left out with all its shots and channels; the value whose
     estimate predicts them best is taken. Nothing about the scene enters.
@@ -170,7 +180,7 @@ class AutoTau(Config):
         threads: int | None = None,
         on_point: OnPoint | None = None,
     ) -> tuple[TauChoice, tuple[np.ndarray, ...]]:
-        """Return the choice and the held-out estimates (M, N, K) along the path, first guesses for a path on all data."""
+        """Return the choice and the held-out estimates (M, N, K) along the path, a guide for a path on all data."""
         psi = Kronecker.for_shape(operator.in_shape) if basis is None else basis
         problem = prepare(operator, frames, psi)
         if problem is None:
@@ -186,7 +196,7 @@ class AutoTau(Config):
         energy = float((problem.frames[..., held].astype(np.float64) ** 2).sum())
         best = int(squares.argmin())
         errors = tuple(float(e) for e in squares / energy) if energy > 0 else (0.0,) * len(squares)
-        starts = tuple(np.asarray(s.cube * s.cube.dtype.type(problem.unit)) for s in solutions)
+        guide = tuple(s.cube.astype(np.float64) * problem.unit for s in solutions)
         edge = best in (0, len(solutions) - 1)
         fraction = self.path.fractions[best]
         choice = TauChoice(
@@ -196,9 +206,9 @@ class AutoTau(Config):
             at_edge=edge,
             errors=errors,
             iterations=sum(s.iterations for s in solutions),
-            start=starts[best],
+            start=guide[best],
         )
-        return choice, starts
+        return choice, guide
 
     def held_out(self, shape: tuple[int, ...]) -> np.ndarray:
         """Draw the held-out pixels: (M, W) bool, at least one and never all, for frames of ``shape`` (L, C, M, W)."""
@@ -252,13 +262,13 @@ def tune(
     threads: int | None = None,
     on_point: OnPoint | None = None,
 ) -> TauReport:
-    """Follow one path with pixels held out and one on all data that starts from it, and report both choices of tau.
+    """Follow one path with pixels held out, and one on all data guided by it, and report both choices of tau.
 
     Args:
         operator: H.
         frames: (L, C, M, W) measurements, not all zero.
         auto: the automatic rule and the path's values; None: ``AutoTau()``.
-        refine: solver of the path on all data, which starts next to its answers; None: the path's own.
+        refine: solver of the path on all data, which starts close to its answers; None: the same as with pixels held out.
         score: figure of merit of a cube against the truth, higher is better; for the oracle only.
         basis: Psi; None: ``Kronecker.for_shape`` of the cube.
         threads: threads of the kernels; None: all cores.
@@ -269,12 +279,12 @@ def tune(
     """
     rule = AutoTau() if auto is None else auto
     count = len(rule.path.fractions)
-    choice, starts = rule.try_all(operator, frames, basis=basis, threads=threads, on_point=on_point)
-    if not starts:
+    choice, guide = rule.try_all(operator, frames, basis=basis, threads=threads, on_point=on_point)
+    if not guide:
         raise InputError("frames", 0.0, "different from zero somewhere: without light there is no tau to choose")
     path = rule.path if refine is None else rule.path.model_copy(update={"solver": refine})
     later = None if on_point is None else (lambda i, solution: on_point(count + i, solution))
-    solutions = path.follow(operator, frames, basis=basis, threads=threads, starts=starts, on_point=later)
+    solutions = path.follow(operator, frames, basis=basis, threads=threads, guide=guide, on_point=later)
     scores = () if score is None else tuple(float(score(s.cube)) for s in solutions)
     return TauReport(solutions, path.fractions, choice, rule.path.fractions.index(choice.fraction), scores)
 
@@ -286,6 +296,12 @@ def tau_max(operator: LinearOperator, frames: np.ndarray, *, basis: Basis | None
         return 0.0
     with pool.use(threads):
         return problem.outer_tau(problem.tau_max())
+
+
+def _followed(guide: tuple[np.ndarray, ...], found: list[Solution]) -> np.ndarray:
+    """Add the guide's next change to the last solution."""
+    i = len(found)
+    return guide[0] if i == 0 else np.asarray(found[-1].cube + (guide[i] - guide[i - 1]))
 
 
 def _held_squares(problem: Problem, cube: np.ndarray, held: np.ndarray) -> float:

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.sparse.linalg import lsqr
 
-from recon import CodedAperture, Gpsr, InputError, Kronecker, RowWeighted, reconstruct
+from recon import Admm, CodedAperture, Fista, Gpsr, InputError, Kronecker, RowWeighted, reconstruct
 
 SENSORS = ("mono", "bayer", "foveon")
 
@@ -267,6 +267,15 @@ def test_bytes_of_the_answer_do_not_depend_on_the_number_of_threads(solver):
     assert cubes[0] == cubes[1] == cubes[2]
 
 
+def test_bytes_of_the_answer_do_not_depend_on_where_the_arrays_lie():
+    operator, basis, frames, _, tau = problem("mono", 0.01)
+    rng, elsewhere, answers = np.random.Generator(np.random.Philox(9)), [], set()
+    for _ in range(60):
+        elsewhere.append(np.empty(int(rng.integers(1, 5000)), np.uint8))
+        answers.add(reconstruct(operator, frames.copy(), basis=basis, solver=Gpsr(tau=tau, max_iterations=30)).cube.tobytes())
+    assert len(answers) == 1
+
+
 def test_a_measurement_of_weight_zero_changes_nothing():
     operator, basis, frames, _, tau = problem("mono", 0.01)
     weights = np.ones(frames.shape)
@@ -283,3 +292,29 @@ def test_a_start_at_the_solution_stays_there():
     again = reconstruct(operator, frames, basis=basis, start=solution.cube, solver=Gpsr(tau=tau, tolerance=1e-6))
     assert again.iterations <= 12
     assert again.objective == pytest.approx(solution.objective, rel=1e-9)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("fraction", [1e-2, 1e-3, 1e-4])
+def test_objective_equals_that_of_fista_and_admm_to_a_thousandth(sensor, fraction):
+    truth = scene((32, 32, 8))
+    operator = camera(sensor, truth.shape, shots=2, dtype=np.float32)
+    frames = operator.forward(truth)
+    tau = fraction * reconstruct(operator, frames, solver=Gpsr(tau=1e9)).tau_max
+    ours = reconstruct(operator, frames, solver=Gpsr(tau=tau))
+    assert ours.stop.converged
+    for other in (Fista(tau=tau, tolerance=1e-6, max_iterations=5000), Admm(tau=tau)):
+        assert ours.objective == pytest.approx(reconstruct(operator, frames, solver=other).objective, rel=1e-3)
+
+
+def test_X14_a_time_limit_returns_the_best_so_far_flagged():
+    truth = scene((64, 64, 12))
+    operator = camera("mono", truth.shape, dtype=np.float32)
+    frames = operator.forward(truth)
+    hasty = reconstruct(operator, frames, solver=Gpsr(tau=1e-4, time_limit_s=1e-9))
+    assert not hasty.stop.converged
+    assert "time limit" in hasty.stop.reason
+    assert hasty.iterations == 0
+    some = reconstruct(operator, frames, solver=Gpsr(tau=1e-4, time_limit_s=0.2, tolerance=1e-12, max_iterations=10**6))
+    assert "time limit" in some.stop.reason
+    assert some.objective <= hasty.objective
