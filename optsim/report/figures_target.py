@@ -78,10 +78,9 @@ def figure_scene(gallery: Gallery, target: str, number: int | None, zoom: bool, 
     recipe = recipe_text(gallery.recipe) if gallery.recipe else ""
     caption = f"{target}, {recipe}: (a) the rendered scene, (b) mean PSNR against R, (c) reconstructions in the scene’s exposure"
     if zoom:
-        caption += ", each with the window of the finest bars enlarged below it. False colour there (mean ΔC*ab): "
-        caption += "; ".join(
-            f"R = {ratio_text(R)} " + ", ".join(f"{k} {v:.1f}" for k, v in values.items()) for R, values in false_color.items() if values
-        )
+        caption += ", each with the window of the finest bars enlarged below it. False colour there (mean ΔC*ab of 8 × 8 pixel means): "
+        told = {R: ", ".join(f"{name} {value:.1f}" for name, value in values.items()) for R, values in false_color.items() if values}
+        caption += "; ".join(f"R = {ratio_text(R)}: {text}" for R, text in told.items())
     name = f"fig{number:02d}" if number else f"scene-{slug(target)}"
     title = f"Fig. {number}: {target}" if number else f"Scene and reconstructions: {target}"
     alt = f"The scene {target}, PSNR against compression ratio, and reconstructed pictures at R = {listing(map(ratio_text, shown))}."
