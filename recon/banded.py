@@ -16,14 +16,14 @@ class BandedStep:
     is added instead: basis pursuit becomes Eq. 4 with a tau that small, and what it leaves of g - H f is in ``Solution.residual``.
     """
 
-    def __init__(self, operator: CodedAperture, frames: np.ndarray, rho: float) -> None:
+    def __init__(self, operator: CodedAperture, frames: np.ndarray, rho: float, mixed: bool) -> None:
         from recon import banded_kernels, step_kernels
 
         self._relax, self._finish, self._solve = step_kernels.relax_rows, step_kernels.finish_rows, banded_kernels.solve_groups
         notes: list[str] = []
         masks, merged = merge_repeats(operator.masks, frames)
         response = operator.response
-        if rho == 0:
+        if mixed:
             response, merged = whiten(response, operator.mosaic, merged, notes)
         self.notes = tuple(notes)
         tile, tile_of = mosaic_tile(response, operator.mosaic, operator.in_shape[0])

@@ -35,7 +35,7 @@ class BasisPursuit(Config):
         """Solve; ``on_iteration(iteration, ||theta||_1)``, in the caller's units."""
         if self.max_iterations == 0:
             return first_guess(problem, None, None)
-        step = data_step(problem.operator, problem.exact_frames, 0.0)
+        step = data_step(problem.operator, problem.exact_frames, 0.0, mixed=True)
         rule = Levels()
         levels = Levels(rule.start * self.gamma, rule.end * self.gamma, rule.decay)
 

@@ -40,20 +40,22 @@ class DataStep(Protocol):
         ...
 
 
-def data_step(operator: LinearOperator, frames: np.ndarray, rho: float) -> DataStep:
+def data_step(operator: LinearOperator, frames: np.ndarray, rho: float, *, mixed: bool = False) -> DataStep:
     """Build the exact step that fits the operator's structure: blocks a pixel, bands a row, else conjugate gradients.
 
     Args:
         operator: H.
         frames: g, float64.
         rho: at least 0, in units of H squared.
+        mixed: with rho = 0, make a sensor's channels orthonormal first: the same constraint, better conditioned and blind
+            to any mix of the channels; but where frames contradict each other it weights them differently.
     """
     if isinstance(operator, CodedAperture):
         if operator.one_tap:
-            return BlockStep(operator, frames, rho)
+            return BlockStep(operator, frames, rho, mixed)
         from recon.banded import BandedStep
 
-        return BandedStep(operator, frames, rho)
+        return BandedStep(operator, frames, rho, mixed)
     return ConjugateStep(operator, frames, rho)
 
 
@@ -61,18 +63,17 @@ class BlockStep:
     """The step of a one-tap camera: one small (pseudo-)inverse a sensor pixel, fused into one pass over each row.
 
     Shots that repeat a mask are first averaged with the weight sqrt(count), which changes neither the projection nor
-    the objective (up to a constant) and keeps the blocks small. With rho = 0 the channels are first made orthonormal along
-    wavelength, so that a mix of a sensor's layers or a scale of its response makes no difference.
+    the objective (up to a constant) and keeps the blocks small.
     """
 
-    def __init__(self, operator: CodedAperture, frames: np.ndarray, rho: float) -> None:
+    def __init__(self, operator: CodedAperture, frames: np.ndarray, rho: float, mixed: bool) -> None:
         from recon import step_kernels
 
         self._kernel = step_kernels.advance_rows
         masks, merged = merge_repeats(operator.masks, frames)
         response = operator.response * operator.taps[:, 0]
         notes: list[str] = []
-        if rho == 0:
+        if mixed:
             response, merged = whiten(response, operator.mosaic, merged, notes)
         tile, tile_of = mosaic_tile(response, operator.mosaic, operator.in_shape[0])
         inverse = _inverse_blocks((masks, response, tile, tile_of, operator.first_column), merged.shape, rho, operator.dtype, notes)

@@ -12,6 +12,7 @@ from recon.problem import Found, OnIteration, Problem, edge_cases
 from recon.solution import Stop
 from recon.splitting import Limits, shrink
 
+ABRUPT = "; the objective grew without momentum (the step was above 2/L), so the step was shortened"
 WINDOW = 10  # iterations over which the objective's fall is judged
 
 
@@ -45,6 +46,8 @@ class Fista(Config):
         bound = largest_eigenvalue(problem.operator) if self.lipschitz is None else self.lipschitz / strength**2
         descent = Descent(problem, bound)
         limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
+        if tau == 0:
+            descent.remark = "; tau = 0: the unregularised least-squares problem; give a tau above 0 or use basis pursuit for a sparse cube"
         trace: list[float] = []
         stop = None
         while stop is None:
@@ -78,7 +81,7 @@ class Descent:
         self._old[...] = self._x
         self._seen_old = problem.operator.forward(self._x)
         self._l1 = problem.l1(self._x)
-        self._momentum, self._last, self._plain = 1.0, math.inf, False
+        self._momentum, self._last, self._plain = 0.0, math.inf, False
         self.iterations = -1
         self.remark = ""
 
@@ -97,8 +100,9 @@ class Descent:
             self._momentum = 1.0
             if self._plain:
                 self._bound *= 2
-                self.remark = "; the objective grew without momentum (the step was above 2/L), so the step was shortened"
-        self._plain, self._last = beta == 0, objective
+                if ABRUPT not in self.remark:
+                    self.remark += ABRUPT
+        self._plain, self._last = beta <= 0, objective
         self._x, self._old = self._old, self._x
         self._l1 = shrink(self._problem.basis, self._x, tau / (2 * self._bound))
         self.iterations += 1

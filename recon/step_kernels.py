@@ -41,6 +41,38 @@ def _finish(z: Any, step: Any, x: Any, w: Any, ratio: Any) -> tuple[float, float
     return change, size, moved
 
 
+@njit(nogil=True, fastmath=FAST, cache=True)
+def _apply_inverse(inverse: Any, left: Any, out: Any) -> None:
+    """Set ``out[s] = sum_q B[s, q] left[q]`` for the packed symmetric blocks of one sensor row."""
+    size, width = left.shape
+    for s in range(size):
+        total = out[s]
+        total[:] = 0
+        q = 0
+        while q + 4 <= size:
+            p0, p1, p2, p3 = _packed(s, q), _packed(s, q + 1), _packed(s, q + 2), _packed(s, q + 3)
+            _add_products4(inverse[p0], left[q], inverse[p1], left[q + 1], inverse[p2], left[q + 2], inverse[p3], left[q + 3], total)
+            q += 4
+        while q < size:
+            block, rest = inverse[_packed(s, q)], left[q]
+            for j in range(width):
+                total[j] += block[j] * rest[j]
+            q += 1
+
+
+@njit(nogil=True, forceinline=True)
+def _packed(s: int, q: int) -> int:
+    """Return where entry (s, q) of a symmetric block is stored."""
+    return s * (s + 1) // 2 + q if q <= s else q * (q + 1) // 2 + s
+
+
+@njit(nogil=True, fastmath=FAST, forceinline=True)
+def _add_products4(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, out: Any) -> None:
+    """Raise ``out`` by ``a b + c d + e f + g h``."""
+    for j in range(out.size):
+        out[j] += a[j] * b[j] + c[j] * d[j] + e[j] * f[j] + g[j] * h[j]
+
+
 @njit(nogil=True, cache=True, fastmath=FAST)
 def advance_rows(
     first: int, last: int, z: Any, w: Any, x: Any, relax: Any, frames: Any, masks: Any, response: Any, tile: Any, tile_of: Any,
@@ -71,6 +103,9 @@ def advance_rows(
             gap += _relax(row, wrow, xrow, relax)
             for l in range(shots):
                 mask = masks[l, m]
+                if tile.shape[0] == 0 and channels == 1:
+                    _add_product(-response[0, k], mask[a:b], row[a:b], left[l, a + shift : b + shift])
+                    continue
                 for n in range(columns):
                     seen[n] = mask[n] * row[n]
                 if tile.shape[0] > 0:
@@ -78,14 +113,7 @@ def advance_rows(
                 else:
                     for c in range(channels):
                         _add_scaled(-response[c, k], seen[a:b], left[l * channels + c, a + shift : b + shift])
-        weight[:] = 0
-        p = 0
-        for s in range(shots * channels):
-            for q in range(s + 1):
-                _add_product(one, inverse[m, p], left[q], weight[s])
-                if q < s:
-                    _add_product(one, inverse[m, p], left[s], weight[q])
-                p += 1
+        _apply_inverse(inverse[m], left, weight)
         change = 0.0
         size = 0.0
         moved = 0.0
@@ -97,6 +125,9 @@ def advance_rows(
             seen[:] = 0
             for l in range(shots):
                 mask = masks[l, m]
+                if tile.shape[0] == 0 and channels == 1:
+                    _add_product(response[0, k], mask[a:b], weight[l, a + shift : b + shift], seen[a:b])
+                    continue
                 back[:] = 0
                 if tile.shape[0] > 0:
                     _add_product(one, tile[tile_of[m], k, a + shift : b + shift], weight[l, a + shift : b + shift], back[a:b])

@@ -19,14 +19,16 @@ def dense_step(operator: CodedAperture, frames: np.ndarray, cube: np.ndarray, rh
 
 
 @pytest.mark.parametrize("repeated", [False, True])
-@pytest.mark.parametrize("rho", [0.0, 0.3])
+@pytest.mark.parametrize(("rho", "mixed"), [(0.0, False), (0.0, True), (0.3, False)])
 @pytest.mark.parametrize(("sensor", "shots"), [("mono", 3), ("bayer", 2), ("foveon", 2)])
-def test_block_step_equals_the_dense_pseudo_inverse(sensor, shots, rho, repeated, camera_of):
+def test_block_step_equals_the_dense_pseudo_inverse(sensor, shots, rho, mixed, repeated, camera_of):
     operator = camera_of(sensor, shots, 7, 5, repeated=repeated)
     draw = np.random.Generator(np.random.Philox(1))
-    frames = operator.forward(draw.standard_normal(operator.in_shape))  # consistent: the pseudo-inverses' weights don't matter
+    frames = operator.forward(draw.standard_normal(operator.in_shape))
+    if not mixed:
+        frames += draw.standard_normal(operator.out_shape)  # frames that contradict each other: least squares
     cube = draw.standard_normal(operator.in_shape)
-    step = data_step(operator, frames, rho)
+    step = data_step(operator, frames, rho, mixed=mixed)
     assert isinstance(step, BlockStep)
     np.testing.assert_allclose(project(step, cube), dense_step(operator, frames, cube, rho), atol=1e-10)
 
@@ -46,7 +48,7 @@ def test_banded_projection_explains_consistent_frames(sensor, camera_of):
     operator = camera_of(sensor, 2, 24, 6, spread=True)
     truth = np.random.Generator(np.random.Philox(3)).random(operator.in_shape)
     frames = operator.forward(truth)
-    step = data_step(operator, frames, 0.0)
+    step = data_step(operator, frames, 0.0, mixed=True)
     cube = project(step, project(step, np.zeros(operator.in_shape)))
     assert np.linalg.norm(operator.forward(cube) - frames) < 1e-5 * np.linalg.norm(frames)
 
@@ -94,5 +96,5 @@ def test_bytes_of_a_step_do_not_depend_on_the_number_of_threads(spread, camera_o
     seen = []
     for count in (1, 2, 3):
         with threads.use(count):
-            seen.append(project(data_step(operator, frames, 0.0), np.zeros_like(cube)).tobytes())
+            seen.append(project(data_step(operator, frames, 0.0, mixed=True), np.zeros_like(cube)).tobytes())
     assert seen[0] == seen[1] == seen[2]
