@@ -18,7 +18,8 @@ from optsim.render.settings import RenderSettings
 from scenes.scene import Scene
 
 MIN_PASSES = 4
-PILOT_SAMPLES = 4
+PILOT_SAMPLES, DEEP_PILOT_SAMPLES = 4, 16
+"""Samples of each of the first four passes: more where light takes rare ways that four samples may miss altogether."""
 PASSES_PLANNED = 8
 MAX_PATHS_A_PASS = 2**28
 """About ten seconds of a flat scene on two cores: the grain of progress and of what an interruption loses."""
@@ -166,7 +167,8 @@ def _resume(task: Renderable, checkpoint: Path | None, digest: str) -> State:
     if settings.target is None:
         state = State(task.empty(), sample_plan(task)[1])
     else:
-        state = State(task.empty(), min(PILOT_SAMPLES, settings.max_samples // MIN_PASSES))
+        pilot = PILOT_SAMPLES if task.needs.reflects_once else DEEP_PILOT_SAMPLES
+        state = State(task.empty(), min(pilot, settings.max_samples // MIN_PASSES))
     kept = replicates.load(checkpoint, digest) if checkpoint is not None else None
     if kept is None:
         return state

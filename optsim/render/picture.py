@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optsim.cube import Bands, make_cube
-from optsim.errors import InputError
 from optsim.render.backend import start, versions
 from optsim.render.canonical import canonical
 from optsim.render.estimate import band_radiance
@@ -93,6 +92,12 @@ def picture(
             warnings.warn(sentence, RuntimeWarning, stacklevel=3)
     digest = config_digest(task, bands)
     state = run(task, progress, Path(checkpoint) if checkpoint is not None else None, digest)
+    if settings.max_depth is None and state.cut > settings.tolerance / 10:
+        warnings.warn(
+            f"up to {state.cut:.2g} of the light was cut off after {task.max_depth} emissions; set max_depth to follow paths further",
+            RuntimeWarning,
+            stacklevel=3,
+        )
     return _cube(task, bands, state, digest)
 
 
@@ -121,7 +126,8 @@ def _cube(task: Renderable, bands: Bands, state: State, digest: str) -> xr.Datas
         stderr = np.zeros_like(radiance)
     for values in (radiance, stderr):
         if values is not None and not np.all(np.isfinite(values)):
-            raise InputError("lights.spectrum", "a radiance that is not finite", "at most 1e30 W m^-2 sr^-1 nm^-1 in the picture")
+            where = tuple(int(i) for i in np.argwhere(~np.isfinite(values))[0])
+            raise RuntimeError(f"the renderer made a value that is not finite, first at (pixel, band) {where}: a fault of the renderer")
     attrs: dict[str, str | int | float] = {
         "title": f"radiance of {task.scene.name}",
         "config_digest": digest,

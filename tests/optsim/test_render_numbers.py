@@ -7,7 +7,9 @@ from optsim.cube import Bands, band_mean, block_mean
 from optsim.errors import InputError
 from optsim.render import RenderSettings, render
 from optsim.render import passes as passes_module
+from scenes.catalogue import SCENES, scene_by_name
 from scenes.color_checker import ColorChecker
+from scenes.glass import Glass
 from scenes.library import illuminant, reflectance, reflectances
 from scenes.scene import (
     AreaLight,
@@ -253,3 +255,43 @@ def test_R10_a_render_split_into_passes_and_launches_has_the_variance_of_one(mon
     error = np.sqrt((split.stderr**2 + whole.stderr**2).values.mean((0, 1))) / 8
     assert np.all(np.abs(difference) < 4 * error)
     assert split.attrs["error"] < 0.05
+
+
+@pytest.mark.parametrize("vectorised", [True, False], ids=["own", "film"])
+def test_R15_no_spectrum_reaches_mitsuba_as_a_bare_number_or_as_rgb(monkeypatch, vectorised):
+    from optsim.render import reference, render_with_film, translate
+
+    seen = []
+    original = translate.mi.load_dict
+
+    def spy(tree, **options):
+        seen.append(tree)
+        return original(tree, **options)
+
+    monkeypatch.setattr(translate.mi, "load_dict", spy)
+    (render if vectorised else render_with_film)(scene_by_name("relief").build(), FEW, (4, 4), RenderSettings(samples_per_pixel=4))
+    assert reference.mi is translate.mi
+    spectral = {"radiance", "irradiance", "intensity", "reflectance", "diffuse_reflectance", "specular_reflectance", "eta", "k"}
+    found = []
+
+    def walk(tree):
+        for key, value in tree.items():
+            if key in spectral:
+                found.append(value["type"] if isinstance(value, dict) else value)
+            if isinstance(value, dict):
+                walk(value)
+
+    for tree in seen:
+        walk(tree)
+    assert len(found) > 10
+    assert set(found) <= {"uniform", "regular", "irregular"}
+
+
+@pytest.mark.parametrize("recipe", [*SCENES, Glass(abbe=30)], ids=lambda r: f"{r.name}{'-dispersive' if getattr(r, 'abbe', None) else ''}")
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_every_scene_that_comes_along_renders_to_light_somewhere_and_nothing_below_zero(recipe):
+    cube = render(recipe.build(), BANDS, (6, 8), RenderSettings(samples_per_pixel=16))
+    assert cube.radiance.shape == (6, 8, 24)
+    assert np.all(cube.radiance.values >= 0)
+    assert np.all(cube.radiance.values.mean((0, 1)) > 0)
+    assert cube.attrs["cut_share"] < 1e-3
