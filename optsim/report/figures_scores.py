@@ -107,8 +107,8 @@ def figure_tau(gallery: Gallery, directory: Path) -> Drawn | None:
 def draw_tau_path(axes: Axes, run: RunData, s: Series, path: Sequence[TauScore]) -> None:
     """Plot one path and the marks of the rows that chose a tau on it."""
     known = sorted((p.tau, p.tau_fraction, p.psnr_db) for p in path if p.psnr_db is not None)
-    if not known:
-        return
+    if not known or len({tau for tau, _, _ in known}) < len(known):
+        return  # nothing to draw, or two paths under one name
     color, first = COLORS[s.key], path[0]
     _, fraction, psnr = zip(*known)
     axes.plot(fraction, psnr, color=color, linestyle=DASHES[s.key], marker=MARKERS[s.key], markersize=4, label=s.label)
@@ -127,6 +127,7 @@ def figure_matched(gallery: Gallery, directory: Path) -> Drawn | None:
     run = gallery.run
     physical = [row for row in run.rows if row.model != "matched" and row.series is not None]
     methods = list(dict.fromkeys((row.solver, row.tau_rule) for row in physical))
+    methods = [(solver, rule) for solver, rule in methods if rule != "oracle" or (solver, "auto") not in methods]
     places = list(dict.fromkeys((row.target, row.R) for row in physical))
     if not physical:
         return None
@@ -161,5 +162,6 @@ def draw_matched(axes: Axes, run: RunData, target: str, R: float, matched: Recip
         axes.bar_label(bars, fmt="%.1f", fontsize=6.5, padding=1.5)
     axes.set_xticks(range(len(SERIES)), [s.short.replace(" ", "\n") for s in SERIES])
     axes.set_title(f"{target}, R = {ratio_text(R)}, {method_text(matched)}")
+    axes.set_xlim(-0.6, len(SERIES) - 0.4)
     axes.grid(axis="x", visible=False)
     axes.margins(y=0.1)

@@ -111,10 +111,11 @@ def over_ratios(run: RunData, recipe: Recipe, main: tuple[str, float]) -> Findin
         spans = [list(gaps_over_ratios(run, recipe, target, a, b).values()) for a, b in PAIRS]
         rows.append((target, where, *(span_text(s) if s else "not run" for s in spans)))
         for R in found:
-            if (target, R) == main:
+            scores = scores_at(run, recipe, target, R)
+            if (target, R) == main or len(scores) < 2:
                 continue
             count += 1
-            changed = swaps(reference, scores_at(run, recipe, target, R))
+            changed = swaps(reference, scores)
             if changed:
                 exceptions.append(f"{target}, R = {ratio_text(R)}: {few(changed)}")
     others = "the other combination" if count == 1 else f"all {count} other combinations"
@@ -220,7 +221,8 @@ def matched_finding(run: RunData, target: str, R: float) -> Finding:
                 recipe = replace(matched, model=model, operator=operator)
                 if pick(run, recipe, target, R=R):
                     rows.append((f"{method_text(matched)}: {model_text(model)}, {name}", *cells(run, recipe, target, R)))
-                    sentences.append(moved(run, matched, recipe, target, R))
+                    if matched.tau_rule != "oracle" or replace(matched, tau_rule="auto") not in methods:
+                        sentences.append(moved(run, matched, recipe, target, R))
     header = (f"{target}, R = {ratio_text(R)}, dB", *(s.short for s in SERIES))
     return Finding(label, " ".join(filter(None, sentences)), header, tuple(rows))
 
