@@ -1,6 +1,6 @@
 """Launch an integrator over a picture: one thread a pixel, the sample loop inside the kernel, no film.
 
-The pixel is sampled uniformly: an exact box filter, as a sensor pixel or a mirror integrates over its area. Nothing is
+The pixel is sampled uniformly: an exact box filter, as a sensor pixel or a mirror integrates over its area (theory.md (R.25)). Nothing is
 scattered with atomics, so repeats agree bit by bit.
 """
 

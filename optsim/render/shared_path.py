@@ -107,7 +107,7 @@ class SharedPath:
         return found
 
     def _refract(self, si: Any, index: Any, pick: Any) -> Any:
-        """Reflect or refract at smooth glass by Fresnel's equations: (direction, weight of the radiance, relative index passed)."""
+        """Reflect or refract at smooth glass (theory.md (R.30)): direction, weight of the radiance, relative index passed."""
         if not self.table.has_glass:
             return mi.Vector3f(0), mi.Float(0), mi.Float(1)
         reflectance, cosine, step, back = mi.fresnel(si.wi.z, index)

@@ -21,7 +21,7 @@ from scenes.spectrum import GRID_SLACK_NM, WIDE_RANGE_NM, Spectrum
 SAME_SHAPE = 1e-9
 """Two lights share an illuminant when their curves, each divided by its peak, differ by less than this."""
 TWO_BOUNCE_TOLERANCE = 1e-3
-"""Largest mean error of a product of two reflectances that are read as linear between nodes."""
+"""Largest mean error of a product of two reflectances that are read as linear between nodes (theory.md (R.23))."""
 SMOOTH_STEP_NM = 5.0
 """Largest node distance where transport is smooth but not linear in the material's spectra (metals, glass with an Abbe number)."""
 
