@@ -95,8 +95,9 @@ class SolveTask:
 
 def shootings(config: StudyConfig, target: str) -> Iterator[Shooting]:
     """Yield the captures of one target: matched at every R, physical where asked."""
-    for model, groups in ((MATCHED, sorted({*config.groups, *config.gpsr_groups, *config.physical_groups})), (PHYSICAL, sorted(config.physical_groups))):
-        for group in groups:
+    matched = {*config.groups, *config.gpsr_groups, *config.physical_groups}
+    for model, groups in ((MATCHED, matched), (PHYSICAL, config.physical_groups)):
+        for group in sorted(groups):
             for series in SERIES:
                 yield Shooting(target, series, group, model)
 

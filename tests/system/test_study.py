@@ -27,7 +27,7 @@ def estimates(folder):
 
 def test_the_default_study_has_every_case_that_it_promises():
     tasks = solves(StudyConfig())
-    assert len({t.name for t in tasks}) == len(tasks) == 2 * (4 * 4 + 2 * 4 + 4 * 2)
+    assert len({t.name for t in tasks}) == len(tasks) == 2 * (4 * 4 + 2 * 4 + 4 + 4 * 4)
     for target in StudyConfig().targets:
         shots = {(s.series.key, s.ratio): s.shots for s in shootings(StudyConfig(), target) if not s.physical}
         assert [shots["mono-distinct", r] for r in (1 / 8, 1 / 4, 3 / 8, 1 / 2)] == [3, 6, 9, 12]
@@ -38,7 +38,7 @@ def test_a_run_leaves_summary_page_cubes_frames_and_estimates(finished):
     folder, outcome = finished
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["config"]["size"] == 16
-    assert len(summary["rows"]) == len(outcome.rows) == 4 + 4 * 2 + 4 * 2
+    assert len(summary["rows"]) == len(outcome.rows) == 4 + 4 * 2 + 4 * 2 + 4 * 2 * 3
     assert (folder / "report.html").stat().st_size > 10_000
     assert len(list((folder / "frames").glob("*.nc"))) == 8
     assert not list(folder.rglob(".tmp-*"))
