@@ -1,5 +1,8 @@
 """Passes: seeds, the error asked for, honest standard errors, checkpoint and resume."""
 
+import os
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -204,3 +207,23 @@ def test_plain_renders_warn_about_nothing():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         render(CHART, BANDS, (8, 8))
+
+
+HASH = """
+import hashlib
+from optsim.cube import Bands
+from optsim.render import RenderSettings, render
+from scenes.catalogue import scene_by_name
+cube = render(scene_by_name("relief").build(), Bands.paper(), (12, 12), RenderSettings(samples_per_pixel=16, seed=3))
+print(hashlib.sha256(cube.radiance.values.tobytes() + cube.stderr.values.tobytes()).hexdigest())
+"""
+
+
+def test_other_processes_and_other_numbers_of_cores_give_the_same_bytes():
+    hashes = set()
+    for cores in ({0}, None):
+        pin = f"import os; os.sched_setaffinity(0, {cores})\n" if cores and hasattr(os, "sched_setaffinity") else ""
+        run = subprocess.run([sys.executable, "-c", pin + HASH], capture_output=True, text=True, check=True)
+        hashes.add(run.stdout.strip())
+    assert len(hashes) == 1
+    assert len(hashes.pop()) == 64
