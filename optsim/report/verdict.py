@@ -212,9 +212,9 @@ def matched_finding(run: RunData, target: str, R: float) -> Finding:
     ]
     methods = dict.fromkeys(Recipe("matched", "unit-shift", row.solver, row.tau_rule) for row in physical)
     if any(m.tau_rule is None for m in methods) and any(m.tau_rule for m in methods):
-        sentences.append("Basis pursuit fits data exactly, what H does not know of them included; Eq. 4 may leave a residual.")
+        sentences.append("Eq. 4 may leave a residual; basis pursuit fits data exactly, what H does not know of them included, and so amplifies it.")
     rows = []
-    for matched in methods:
+    for matched in sorted(methods, key=lambda m: (None, "oracle", "auto").index(m.tau_rule), reverse=True):
         rows.append((f"{method_text(matched)}: matched data", *cells(run, matched, target, R)))
         for model in dict.fromkeys(row.model for row in physical):
             for operator, name in (("unit-shift", "unit-shift H"), ("camera", "the camera’s own shifts")):
@@ -246,7 +246,7 @@ def caution(run: RunData) -> Finding:
     """Say how many mask seeds stand behind the numbers and how many solves stopped early."""
     seeds = sorted({row.seed for row in run.rows})
     text = (
-        "One mask seed: no interval can be given. In trials at 128 x 128, other masks moved a gap between sensors by up to about 1 dB."
+        "One mask seed: no interval can be given. Run other seeds (--seed) to see how far a gap between sensors depends on the masks."
         if len(seeds) == 1
         else (f"Scores are means over {len(seeds)} mask seeds.")
     )

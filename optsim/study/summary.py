@@ -68,7 +68,11 @@ def make_run_data(
         responses=_responses(),
         prism=prism_report(),
         explain={target: world["explain"] for target, world in worlds.items()},
-        tau_path=[TauScore(**point) for result in solved.values() for point in result["tau_path"]],
+        tau_path=[
+            TauScore(**point, solver=task.solver, model=task.shooting.model, operator=task.operator)
+            for task, result in solved.items()
+            for point in result["tau_path"]
+        ],
         lost_light=_lost(worlds),
         timings=seconds,
         notes=list(notes),
