@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recon import CodedAperture, Gpsr, InputError, Kronecker, reconstruct
+from recon import Admm, CodedAperture, Fista, Gpsr, InputError, Kronecker, reconstruct
 from recon.metrics import psnr
 from recon.tuning import AutoTau, TauFraction, TauPath, tau_max, tune
 
@@ -98,6 +98,24 @@ def test_held_out_error_equals_that_of_a_solve_which_never_saw_the_pixels():
     gap = (frames - operator.forward(solution.cube))[:, :, held]
     assert choice.errors[0] == pytest.approx(np.sum(gap**2) / np.sum(frames[:, :, held] ** 2), rel=1e-4)
     np.testing.assert_allclose(choice.start, solution.cube, atol=1e-5)
+
+
+@pytest.mark.parametrize("slack", [0.0, 0.1, 1.0])
+def test_the_choice_is_the_smallest_tau_within_the_slack_of_the_least_error(slack):
+    operator = camera("bayer")
+    choice = AutoTau(path=TauPath(fractions=FRACTIONS, solver=SOLVER), slack=slack).choose(operator, measured(operator, 0.05), basis=BASIS)
+    good = [f for f, e in zip(FRACTIONS, choice.errors) if e <= (1 + slack) * min(choice.errors)]
+    assert choice.fraction == min(good)
+    assert choice.at_edge == (choice.fraction in (FRACTIONS[0], FRACTIONS[-1]))
+
+
+@pytest.mark.parametrize("solver", [Fista(tau=0, max_iterations=100), Admm(tau=0, max_iterations=60)])
+def test_any_solver_of_the_objective_may_walk_the_path(solver):
+    operator = camera("foveon")
+    frames = measured(operator, 0.02)
+    rules = [AutoTau(path=TauPath(fractions=(1e-1, 1e-2, 1e-3), solver=s)) for s in (SOLVER, solver)]
+    one, other = (rule.choose(operator, frames, basis=BASIS) for rule in rules)
+    assert other.errors == pytest.approx(one.errors, rel=0.05)
 
 
 def test_held_out_pixels_are_the_share_asked_for_and_follow_the_seed():
