@@ -21,6 +21,7 @@ _HOME = {
     "Solution": "solution",
     "Stop": "solution",
     "reconstruct": "solve",
+    "warm_up": "solve",
     "BasisPursuit": "basis_pursuit",
     "Admm": "admm",
     "Fista": "fista",

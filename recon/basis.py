@@ -11,7 +11,7 @@ from recon.coded_aperture import empty_cube
 from recon.config import Config
 from recon.errors import InputError
 
-DEFAULT_WAVELET = "sym8"
+DEFAULT_WAVELET = "db4"
 DEFAULT_LEVEL = 5
 ORTHONORMAL = 1e-9  # allowed error of the filters' autocorrelation
 

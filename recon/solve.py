@@ -2,6 +2,7 @@
 
 import math
 import time
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +56,19 @@ def reconstruct(
             return _dark(operator, solver, time.perf_counter() - began)
         found = solver.solve(problem, on_iteration)
         return _solution(operator, problem, found, began)
+
+
+def warm_up(dtype: Any = np.float32) -> None:
+    """Compile the kernels of a basis-pursuit solve on a cube of 8 x 8 x 2, so that the first real one starts at once.
+
+    numba keeps what it compiles on disk; on a fresh checkout this takes some ten seconds, which a caller can spend in a
+    thread of its own while something else runs.
+    """
+    masks = np.indices((1, 8, 8)).sum(0) % 2
+    for spread in (1, 2):
+        camera = CodedAperture(masks, np.ones((1, 2)), np.arange(2), np.ones((2, spread)), dtype=dtype)
+        camera.astype(np.float64).forward(np.ones(camera.in_shape))
+        reconstruct(camera, np.ones(camera.out_shape), threads=1)
 
 
 def _solution(operator: LinearOperator, problem: Problem, found: Found, began: float) -> Solution:

@@ -41,6 +41,13 @@ def _finish(z: Any, step: Any, x: Any, w: Any, ratio: Any) -> tuple[float, float
     return change, size, moved
 
 
+@njit(nogil=True, forceinline=True)
+def _copy(source: Any, out: Any) -> None:
+    """Copy a row (numba's own slice assignment takes seconds to compile)."""
+    for j in range(out.size):
+        out[j] = source[j]
+
+
 @njit(nogil=True, fastmath=FAST, cache=True)
 def _apply_inverse(inverse: Any, left: Any, out: Any) -> None:
     """Set ``out[s] = sum_q B[s, q] left[q]`` for the packed symmetric blocks of one sensor row."""
@@ -94,7 +101,7 @@ def advance_rows(
         gap = 0.0
         for l in range(shots):
             for c in range(channels):
-                left[l * channels + c, :] = frames[l, c, m]
+                _copy(frames[l, c, m], left[l * channels + c])
         for k in range(bands):
             shift = start[k]
             a = min(max(0, -shift), columns)
@@ -191,7 +198,7 @@ def invert_blocks(first: int, last: int, gram: Any, rho: float, inverse: Any, tr
         for s in range(size):
             for q in range(s + 1):
                 total = lower[s, q]
-                total[:] = block[s, q]
+                _copy(block[s, q], total)
                 for i in range(q):
                     _add_product(-1.0, lower[s, i], lower[q, i], total)
                 if q == s:

@@ -103,7 +103,8 @@ def analysis_bands(first: int, last: int, cube: Any, low_pass: Any, high_pass: A
     used = np.empty(taps, np.int64)
     for k in range(first, last):
         if levels == 0 or cube.ctypes.data != out.ctypes.data:
-            out[k] = cube[k]
+            for i in range(rows):
+                _wrap(cube[k, i], columns, 0, columns, out[k, i])
         for level in range(levels):
             r, c = rows >> level, columns >> level
             half = c // 2
@@ -140,7 +141,8 @@ def synthesis_bands(first: int, last: int, packed: Any, even_phase: Any, odd_pha
     used = np.empty(taps, np.int64)
     for k in range(first, last):
         if levels == 0 or packed.ctypes.data != out.ctypes.data:
-            out[k] = packed[k]
+            for i in range(rows):
+                _wrap(packed[k, i], columns, 0, columns, out[k, i])
         for level in range(levels - 1, -1, -1):
             r, c = rows >> level, columns >> level
             n, half = r // 2, c // 2
@@ -185,6 +187,16 @@ def _fold(matrix: Any, x: Any, out: Any, size: int) -> None:
             k += 1
 
 
+@njit(nogil=True, cache=True)
+def _transposed(matrix: Any) -> Any:
+    """Return a contiguous transpose."""
+    out = np.empty((matrix.shape[1], matrix.shape[0]), matrix.dtype)
+    for i in range(matrix.shape[0]):
+        for k in range(matrix.shape[1]):
+            out[k, i] = matrix[i, k]
+    return out
+
+
 @njit(nogil=True, cache=True, fastmath=FAST)
 def _shrink(values: Any, size: int, limit: float) -> float:
     """Soft-threshold ``values`` in place and return the sum of what is left in absolute value."""
@@ -210,7 +222,7 @@ def cosine_tiles(
     bands, pixels = x.shape
     half = bands // 2
     upper = even.shape[0]
-    even_back, odd_back = even.T.copy(), odd.T.copy()
+    even_back, odd_back = _transposed(even), _transposed(odd)
     a = np.empty((upper, TILE), out.dtype)
     b = np.empty((upper, TILE), out.dtype)
     c = np.empty((upper, TILE), out.dtype)

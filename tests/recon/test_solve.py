@@ -11,7 +11,7 @@ from recon.coded_aperture import CodedAperture
 from recon.errors import InputError
 from recon.fista import Fista
 from recon.operator import LinearOperator
-from recon.solve import reconstruct
+from recon.solve import reconstruct, warm_up
 
 SOLVERS = [BasisPursuit(), Admm(tau=0.05), Fista(tau=0.05)]
 NAMES = ["basis-pursuit", "admm", "fista"]
@@ -184,3 +184,11 @@ def test_every_public_name_of_recon_can_be_imported():
     for name in recon.__all__:
         assert getattr(recon, name).__name__ == name
     assert ScipyOperator is not LinearOperator
+
+
+def test_warming_up_compiles_what_a_solve_needs():
+    from recon import step_kernels, wavelet_kernels
+
+    warm_up()
+    for kernel in (step_kernels.advance_rows, wavelet_kernels.analysis_bands, wavelet_kernels.cosine_tiles):
+        assert any("float32" in str(signature) for signature in kernel.signatures)
