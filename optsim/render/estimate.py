@@ -24,7 +24,7 @@ def relative_errors(groups: list[Replicates], weights: list[np.ndarray]) -> np.n
     """
     squares, means = 0.0, 0.0
     for group, weight in zip(groups, weights):
-        squares = squares + (weight @ np.sqrt(group.squared_error().mean(1))) ** 2
+        squares = squares + (np.abs(weight) @ np.sqrt(group.squared_error().mean(1))) ** 2
         means = means + weight @ group.mean.mean(1)
     errors, level = np.sqrt(np.asarray(squares)), np.asarray(means)
     return np.divide(errors, level, out=np.zeros_like(errors), where=level > 0)
@@ -46,7 +46,7 @@ def band_radiance(groups: list[Replicates], weights: list[np.ndarray], pixels: i
             radiance[block] = sum(group.mean[:, block].T @ weight.T for group, weight in zip(groups, weights))
             if stderr is not None:
                 variance = sum(
-                    (np.sqrt(group.scatter[:, block].T / (group.count * (group.count - 1))) @ weight.T) ** 2
+                    (np.sqrt(group.scatter[:, block].T / (group.count * (group.count - 1))) @ np.abs(weight).T) ** 2
                     for group, weight in zip(groups, weights)
                 )
                 stderr[block] = np.sqrt(variance)

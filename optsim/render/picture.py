@@ -6,6 +6,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,7 +36,7 @@ def render(
 
     Args:
         scene: what to render.
-        bands: K bands; they may touch, overlap or leave gaps. With LLVM the time does not depend on their number.
+        bands: K bands; they may touch, overlap or leave gaps. The time does not depend on their number.
         size: (height, width) in mirrors; the picture has ``settings.oversample`` samples along each mirror side.
         settings: see :class:`RenderSettings`; default: RMS error 1 % of the picture's mean in every band.
         progress: called after each pass with (share done, current error estimate or None).
@@ -54,7 +55,9 @@ def render(
         from optsim.render.transport import Transport
 
         return picture(Transport, scene, bands, size, settings, progress, checkpoint)
-    return render_with_film(scene, bands, size, settings, progress, checkpoint)
+    from optsim.render.reference import FilmTransport
+
+    return picture(partial(FilmTransport, through_nodes=True), scene, bands, size, settings, progress, checkpoint)
 
 
 def render_with_film(
@@ -65,7 +68,7 @@ def render_with_film(
     progress: Progress | None = None,
     checkpoint: str | Path | None = None,
 ) -> xr.Dataset:
-    """Render with Mitsuba's own path tracer and spectral film: the judge of :func:`render`, and its substitute without LLVM.
+    """Render with Mitsuba's own path tracer and spectral film, band by band as they are asked for: the judge of :func:`render`.
 
     Arguments, result and errors as of :func:`render`; glass with an Abbe number is refused.
     """

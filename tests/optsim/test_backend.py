@@ -172,21 +172,25 @@ llvm._from_system = lambda: []
 from optsim.render import RenderSettings, render
 from optsim.cube import Bands
 from scenes.scene import ConstantSky, Diffuse, Orthographic, Rectangle, Scene
-from scenes.library import illuminant
+from scenes.library import illuminant, reflectance, reflectances
+rho = reflectance(tuple(reflectances())[14])
 plane = Rectangle(name="p", material="m", center=(0, 0, 0), half_u=(1, 0, 0), half_v=(0, 1, 0))
 view = Orthographic(origin=(0, 0, 3), target=(0, 0, 0), half_height=0.5)
 sky = ConstantSky(radiance=illuminant("D65"))
-scene = Scene(name="s", shapes=(plane,), materials={"m": Diffuse(reflectance=0.5)}, lights=(sky,), viewpoint=view)
-bands = Bands.from_edges([450, 500, 560, 670])
+scene = Scene(name="s", shapes=(plane,), materials={"m": Diffuse(reflectance=rho)}, lights=(sky,), viewpoint=view)
+bands = Bands.from_edges(np.linspace(450, 670, 45))
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
-    cube = render(scene, bands, (8, 8), RenderSettings(samples_per_pixel=256))
+    cube = render(scene, bands, (8, 8), RenderSettings(samples_per_pixel=1024))
 assert any("4 to 48" in str(w.message) for w in caught), caught
 assert cube.attrs["variant"] == "scalar_spectral"
-expected = 0.5 * illuminant("D65").band_mean(bands.lower, bands.upper)
+grid = np.unique(np.concatenate([rho.wavelength_nm, illuminant("D65").wavelength_nm]))
+grid = grid[(grid >= 440) & (grid <= 680)]
+expected = illuminant("D65").hat_weights(grid, bands.lower, bands.upper) @ rho.at(grid)
 error = np.sqrt((cube.stderr.values ** 2).mean((0, 1))) / 8
-assert np.all(np.abs(cube.radiance.values.mean((0, 1)) - expected) < 5 * error + 1e-4 * expected)
-again = render(scene, bands, (8, 8), RenderSettings(samples_per_pixel=256))
+assert np.all(error < 0.1 * expected)
+assert np.all(np.abs(cube.radiance.values.mean((0, 1)) - expected) < 5 * error + 2e-4 * expected)
+again = render(scene, bands, (8, 8), RenderSettings(samples_per_pixel=1024))
 assert again.radiance.values.tobytes() == cube.radiance.values.tobytes()
 print("fine")
 """
