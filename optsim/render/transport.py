@@ -57,7 +57,7 @@ class Transport:
         self.nodes = transport_nodes(scene, low, high, linear)
         self.weights = [group.weights(self.nodes, bands) for group in self.groups]
         self.max_depth = settings.max_depth or self.needs.max_depth
-        self._exact_depth = linear and self.max_depth >= 2
+        self._exact_depth = self.needs.reflects_once and self.max_depth >= 2
         self._rays = camera_rays(scene, self.frame, *film)
         self.route = "diffuse table" if self.needs.all_diffuse else "path per node" if self.needs.dispersive else "shared path"
         self._integrators = [self._build(group.lights, group.strengths) for group in self.groups]
