@@ -11,7 +11,7 @@ from recon.coded_aperture import empty_cube
 from recon.config import Config
 from recon.errors import InputError
 
-DEFAULT_WAVELET = "db4"
+DEFAULT_WAVELET = "db2"
 DEFAULT_LEVEL = 5
 ORTHONORMAL = 1e-9  # allowed error of the filters' autocorrelation
 
@@ -141,19 +141,18 @@ def _filters(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=64)
-def filter_pair(name: str, dtype: Any) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the analysis filters, padded with zeros to a multiple of four taps, and the true length."""
+def filter_pair(name: str, dtype: Any) -> tuple[np.ndarray, int]:
+    """Return low and high pass (2, taps), padded with zeros to a multiple of four taps, and the true length."""
     low, high = _filters(name)
-    padding = -low.size % 4
-    return np.pad(low, (0, padding)).astype(dtype), np.pad(high, (0, padding)).astype(dtype), low.size
+    pair = np.pad(np.stack([low, high]), ((0, 0), (0, -low.size % 4)))
+    return pair.astype(dtype), low.size
 
 
 @lru_cache(maxsize=64)
-def interleaved_pair(name: str, dtype: Any) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the synthesis filters as even and odd phases, low and high interleaved, and the true length."""
-    low, high, length = filter_pair(name, dtype)
-    phases = np.stack([low, high], axis=1)
-    return np.ascontiguousarray(phases[0::2].ravel()), np.ascontiguousarray(phases[1::2].ravel()), length
+def interleaved_pair(name: str, dtype: Any) -> tuple[np.ndarray, int]:
+    """Return the synthesis filters as even and odd phase (2, taps), low and high interleaved, and the true length."""
+    pair, length = filter_pair(name, dtype)
+    return np.stack([pair[:, 0::2].T.ravel(), pair[:, 1::2].T.ravel()]), length
 
 
 @lru_cache(maxsize=64)

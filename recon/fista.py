@@ -24,7 +24,7 @@ class Fista(Config):
 
     Args:
         tau: absolute weight of the l1 norm, at least 0; 0 is plain least squares, ``tau_max`` and above give zero.
-        tolerance: relative fall of the objective over 10 iterations below which the solver stops.
+        tolerance: the solver stops when the objective stayed within this part of itself over 10 iterations.
         max_iterations: 0 returns the first guess.
         time_limit_s: wall time in s, or None.
         lipschitz: largest eigenvalue of H^T H in the operator's units; None: exact from the pixel blocks, or the power
@@ -61,9 +61,9 @@ class Fista(Config):
     def _judge(self, trace: list[float], descent: "Descent", limits: Limits) -> Stop | None:
         if len(trace) <= WINDOW:
             return limits.exhausted(descent.iterations, 1.0)
-        fall = abs(trace[-1 - WINDOW] - trace[-1]) / max(trace[-1], np.finfo(float).tiny)
-        steady = max(trace[-1 - WINDOW :]) <= trace[-1] * (1 + 10 * limits.tolerance)
-        if fall <= limits.tolerance and steady:
+        last = trace[-1 - WINDOW :]
+        fall = (max(last) - min(last)) / max(last[-1], np.finfo(float).tiny)
+        if fall <= limits.tolerance:
             text = f"converged: {WINDOW} iterations changed the objective by {fall:.2g} of itself (tolerance {limits.tolerance:.2g})"
             return Stop(text + descent.remark, True)
         stop = limits.exhausted(descent.iterations, fall)

@@ -91,10 +91,13 @@ def _across_rows(weights: Any, source: Any, columns: int, rows: Any, out: Any) -
 
 
 @njit(nogil=True, cache=True)
-def analysis_bands(first: int, last: int, cube: Any, low_pass: Any, high_pass: Any, length: int, levels: int, out: Any) -> None:
-    """Analyse the bands ``first..last`` of ``cube`` (K, M, N) into packed coefficients ``out``; they may be one array."""
+def analysis_bands(first: int, last: int, cube: Any, filters: Any, length: int, levels: int, out: Any) -> None:
+    """Analyse the bands ``first..last`` of ``cube`` (K, M, N) into packed coefficients ``out``; they may be one array.
+
+    ``filters`` (2, taps): low pass and high pass; one call site for both halves the time to compile.
+    """
     rows, columns = cube.shape[1], cube.shape[2]
-    taps = low_pass.size
+    taps = filters.shape[1]
     origin = 1 - length // 2
     middle = np.empty((rows, columns), out.dtype)
     row = np.empty(columns + taps, out.dtype)
@@ -113,30 +116,29 @@ def analysis_bands(first: int, last: int, cube: Any, low_pass: Any, high_pass: A
                 for j in range((c + taps) // 2):
                     even[j] = row[2 * j]
                     odd[j] = row[2 * j + 1]
-                _along_row(low_pass, even, odd, 0, 1, middle[i, :half])
-                _along_row(high_pass, even, odd, 0, 1, middle[i, half:c])
+                for p in range(2):
+                    _along_row(filters[p], even, odd, 0, 1, middle[i, p * half : (p + 1) * half])
             for i in range(r // 2):
                 for t in range(taps):
                     used[t] = (2 * i + origin + t) % r
-                _across_rows(low_pass, middle, c, used, out[k, i, :c])
-                _across_rows(high_pass, middle, c, used, out[k, r // 2 + i, :c])
+                for p in range(2):
+                    _across_rows(filters[p], middle, c, used, out[k, p * (r // 2) + i, :c])
 
 
 @njit(nogil=True, cache=True)
-def synthesis_bands(first: int, last: int, packed: Any, even_phase: Any, odd_phase: Any, length: int, levels: int, out: Any) -> None:
+def synthesis_bands(first: int, last: int, packed: Any, phases: Any, length: int, levels: int, out: Any) -> None:
     """Invert ``analysis_bands`` (its transpose) for the bands ``first..last``; ``packed`` and ``out`` may be one array.
 
-    The filters come as phases: ``even_phase = [h0, g0, h2, g2, ...]`` makes even samples, ``[h1, g1, h3, ...]`` odd ones.
+    The filters come as ``phases`` (2, taps): ``[h0, g0, h2, g2, ...]`` makes even samples, ``[h1, g1, h3, ...]`` odd ones.
     """
     rows, columns = packed.shape[1], packed.shape[2]
-    taps = even_phase.size
+    taps = phases.shape[1]
     origin = 1 - length // 2
     reach = taps // 2 - 1
     middle = np.empty((rows, columns), out.dtype)
     low = np.empty(columns // 2 + taps, out.dtype)
     high = np.empty(columns // 2 + taps, out.dtype)
-    even = np.empty(columns // 2, out.dtype)
-    odd = np.empty(columns // 2, out.dtype)
+    made = np.empty((2, columns // 2), out.dtype)
     row = np.empty(columns, out.dtype)
     used = np.empty(taps, np.int64)
     for k in range(first, last):
@@ -150,16 +152,16 @@ def synthesis_bands(first: int, last: int, packed: Any, even_phase: Any, odd_pha
                 for u in range(taps // 2):
                     used[2 * u] = (i - u) % n
                     used[2 * u + 1] = n + (i - u) % n
-                _across_rows(even_phase, out[k], c, used, middle[(2 * i + origin) % r, :c])
-                _across_rows(odd_phase, out[k], c, used, middle[(2 * i + 1 + origin) % r, :c])
+                for p in range(2):
+                    _across_rows(phases[p], out[k], c, used, middle[(2 * i + p + origin) % r, :c])
             for i in range(r):
                 _wrap(middle[i], half, -reach, half + reach, low)
                 _wrap(middle[i, half:c], half, -reach, half + reach, high)
-                _along_row(even_phase, low, high, reach, -1, even[:half])
-                _along_row(odd_phase, low, high, reach, -1, odd[:half])
+                for p in range(2):
+                    _along_row(phases[p], low, high, reach, -1, made[p, :half])
                 for j in range(half):
-                    row[2 * j] = even[j]
-                    row[2 * j + 1] = odd[j]
+                    row[2 * j] = made[0, j]
+                    row[2 * j + 1] = made[1, j]
                 _wrap(row, c, -origin, c, out[k, i])
 
 

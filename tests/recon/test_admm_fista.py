@@ -52,26 +52,26 @@ def test_the_default_tolerances_leave_less_than_1e_3_of_the_objective(camera_of,
 def test_pylops_fista_reaches_no_lower_objective(camera_of, cube_of):
     import pylops
 
-    operator = camera_of("mono", 2, 32, 8)
+    operator = camera_of("mono", 2, 16, 6)
     rows, columns, bands = operator.in_shape
-    basis = Kronecker(wavelet="db2", level=3)
-    frames = operator.forward(cube_of(32, 8))
+    basis = Kronecker(wavelet="db2", level=2)
+    frames = operator.forward(cube_of(16, 6))
     tau = 3e-3 * tau_max_of(operator, frames, basis)
     shots = []
     for mask in operator.masks:
         pads = [pylops.Pad((rows, columns), ((0, 0), (k, operator.width - columns - k))) for k in range(bands)]
         shots.append(pylops.HStack([pad @ pylops.Diagonal(mask.ravel()) for pad in pads], forceflat=True))
     h = pylops.VStack(shots, forceflat=True)
-    wavelet = pylops.signalprocessing.DWT2D((bands, rows, columns), axes=(1, 2), wavelet="db2", level=3)
+    wavelet = pylops.signalprocessing.DWT2D((bands, rows, columns), axes=(1, 2), wavelet="db2", level=2)
     psi = pylops.signalprocessing.DCT(wavelet.dimsd, axes=0) @ wavelet
     step = 1 / np.linalg.norm(operator.dense(), 2) ** 2
     # SOp is the synthesis. pylops thresholds at eps * alpha / 2, so it minimises Eq. 4 with eps = tau; the cost that it logs is another one
-    found = pylops.optimization.sparsity.fista(h, frames.ravel(), niter=2000, eps=tau, alpha=step, SOp=psi.H, tol=0)[0]
+    found = pylops.optimization.sparsity.fista(h, frames.ravel(), niter=600, eps=tau, alpha=step, SOp=psi.H, tol=0)[0]
     cube = found.reshape(bands, rows, columns).transpose(1, 2, 0)
     theirs = eq4(operator, frames, basis, cube, tau)
     for solver in (Admm(tau=tau, tolerance=1e-6, max_iterations=9000), Fista(tau=tau, tolerance=1e-9, max_iterations=9000)):
         ours = reconstruct(operator, frames, basis=basis, solver=solver).objective
-        assert ours <= theirs * (1 + 1e-6)
+        assert ours <= theirs * (1 + 1e-6)  # the tolerance leaves us 1e-7
         assert ours == pytest.approx(theirs, rel=1e-4)
 
 
