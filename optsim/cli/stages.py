@@ -154,10 +154,13 @@ def reconstruct(
     measured = read(frames)
     if operator == "unit-shift":
         measured = with_unit_shifts(measured)
-    chosen = solver_named(solver, tau, measured, max_iterations, debias)
+    chosen, start = solver_named(solver, tau, measured, max_iterations, debias)
     with progress_bar(solver) as progress:
         solution = invert(
-            measured, chosen, on_iteration=lambda iteration, value: progress(None, f"iteration {iteration}, objective {value:.5g}")
+            measured,
+            chosen,
+            start=start,
+            on_iteration=lambda iteration, value: progress(None, f"iteration {iteration}, objective {value:.5g}"),
         )
     write(estimate_of(measured, solution), output)
     print(solution, file=sys.stderr)

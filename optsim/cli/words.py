@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
     import xarray as xr
 
     from optsim.camera import Sensor
     from optsim.camera.dmd import MaskRule
     from recon.problem import Solver
+    from recon.tuning import TauChoice
     from scenes.scene import Scene
 
 ProgressCall = Callable[[float | None, str], None]
@@ -48,8 +50,10 @@ def mask_rule(word: str) -> MaskRule:
     return {rule.name: rule for rule in (Distinct(), Repeated())}[word]
 
 
-def solver_named(word: str, tau: str | None, frames: xr.Dataset, max_iterations: int | None, debias: bool) -> Solver:
-    """Return a solver's configuration, its tau resolved for these frames.
+def solver_named(
+    word: str, tau: str | None, frames: xr.Dataset, max_iterations: int | None, debias: bool
+) -> tuple[Solver, np.ndarray | None]:
+    """Return a solver's configuration, its tau resolved for these frames, and a first guess if finding tau gave one.
 
     Args:
         word: basis-pursuit, admm, gpsr or fista.
@@ -71,14 +75,14 @@ def solver_named(word: str, tau: str | None, frames: xr.Dataset, max_iterations:
     if word == "basis-pursuit":
         if tau is not None:
             raise InputError("--tau", tau, "absent with --solver basis-pursuit, which needs none")
-        return BasisPursuit(**limit)
-    value = _tau(tau, frames)
+        return BasisPursuit(**limit), None
+    choice = _tau(tau, frames)
     if word == "gpsr":
-        return Gpsr(tau=value, debias=debias, **limit)
-    return {"admm": Admm, "fista": Fista}[word](tau=value, **limit)
+        return Gpsr(tau=choice.tau, debias=debias, **limit), choice.start
+    return {"admm": Admm, "fista": Fista}[word](tau=choice.tau, **limit), choice.start
 
 
-def _tau(word: str | None, frames: xr.Dataset) -> float:
+def _tau(word: str | None, frames: xr.Dataset) -> TauChoice:
     import numpy as np
 
     from optsim.camera import band_model_of, signal_of
@@ -97,7 +101,7 @@ def _tau(word: str | None, frames: xr.Dataset) -> float:
         rule = TauFraction(fraction=fraction)
     choice = rule.choose(band_model_of(frames).operator(np.float32), signal_of(frames))
     print(choice.reason, file=sys.stderr)
-    return choice.tau
+    return choice
 
 
 def print_json(value: Mapping[str, object]) -> None:

@@ -65,8 +65,8 @@ class StudyConfig(BaseModel):
 
     @classmethod
     def quick(cls, seed: int = 0) -> StudyConfig:
-        """Return the study of ``optsim run --quick``: 64 x 64, target 1, R = 1/8 and 1/2."""
-        return cls(seed=seed, size=64, targets=("color-checker",), groups=(1, 4))
+        """Return the study of ``optsim run --quick``: 64 x 64, target 1, R = 1/8 and 1/2, three values of tau."""
+        return cls(seed=seed, size=64, targets=("color-checker",), groups=(1, 4), tau_fractions=(1e-4, 3e-5, 1e-5))
 
     @classmethod
     def from_toml(cls, path: Path) -> StudyConfig:

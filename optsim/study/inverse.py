@@ -19,13 +19,19 @@ if TYPE_CHECKING:
 
 
 def invert(
-    frames: xr.Dataset, solver: Solver | None = None, threads: int | None = None, on_iteration: Callable[[int, float], None] | None = None
+    frames: xr.Dataset,
+    solver: Solver | None = None,
+    *,
+    start: np.ndarray | None = None,
+    threads: int | None = None,
+    on_iteration: Callable[[int, float], None] | None = None,
 ) -> Solution:
     """Reconstruct the cube from a frames file alone, in float32.
 
     Args:
         frames: as ``optsim measure`` writes it; its masks, responses and columns make H.
         solver: None: basis pursuit.
+        start: (M, N, K) first guess in the cube's units, or None.
         threads: None: all cores.
         on_iteration: called as ``on_iteration(iteration, objective)``; what it raises ends the solve.
 
@@ -36,7 +42,7 @@ def invert(
     from recon import reconstruct
 
     operator = band_model_of(frames).operator(np.float32)
-    return reconstruct(operator, signal_of(frames), solver=solver, threads=threads, on_iteration=on_iteration)
+    return reconstruct(operator, signal_of(frames), solver=solver, start=start, threads=threads, on_iteration=on_iteration)
 
 
 def estimate_of(frames: xr.Dataset, solution: Solution) -> xr.Dataset:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -62,6 +63,7 @@ def run_study(config: StudyConfig, folder: Path, command: str = "optsim run", qu
     store = Store(folder)
     tasks = solves(config)
     total = WORLD_COST * len(config.targets) + sum(t.cost for t in tasks) + REPORT_COST
+    _compile_meanwhile()
     with Progress(total, quiet) as progress, threadpool_limits(limits=1, user_api="blas"):
         try:
             worlds = {}
@@ -84,6 +86,13 @@ def run_study(config: StudyConfig, folder: Path, command: str = "optsim run", qu
     if failures:
         raise StudyFailed(f"{len(failures)} of {len(tasks)} reconstructions failed; see {page}. First: {notes[0]}")
     return Outcome(folder, page, store.root / "summary.json", rows, time.perf_counter() - began)
+
+
+def _compile_meanwhile() -> None:
+    """Let numba compile the solvers' kernels (or find them on disk) while the first target is rendered."""
+    from recon import warm_up
+
+    threading.Thread(target=warm_up, name="compile", daemon=True).start()
 
 
 def _solve_all(
