@@ -40,8 +40,8 @@ def _add4(fresh: bool, w: Any, t: int, r0: Any, r1: Any, r2: Any, r3: Any, out: 
 
 @njit(nogil=True, cache=True)
 def _wrap(source: Any, size: int, start: int, count: int, out: Any) -> None:
-    """Copy ``out[p] = source[(start + p) mod size]`` for p below ``count``."""
-    at = start % size
+    """Copy ``out[p] = source[(start + p) mod size]`` for p below ``count``; 0 <= start < size."""
+    at = start
     done = 0
     while done < count:
         chunk = min(size - at, count - done)
@@ -50,6 +50,17 @@ def _wrap(source: Any, size: int, start: int, count: int, out: Any) -> None:
             b[j] = a[j]
         done += chunk
         at = 0
+
+
+@njit(nogil=True, cache=True)
+def _count(start: int, step: int, size: int, out: Any) -> None:
+    """Set ``out[p] = (start + p step) mod size`` without a division each; 0 <= start < size, 0 <= step <= size."""
+    at = start
+    for p in range(out.size):
+        out[p] = at
+        at += step
+        if at >= size:
+            at -= size
 
 
 @njit(nogil=True, cache=True, fastmath=FAST)
@@ -103,26 +114,25 @@ def analysis_bands(first: int, last: int, cube: Any, filters: Any, length: int, 
     row = np.empty(columns + taps, out.dtype)
     even = np.empty(columns // 2 + taps, out.dtype)
     odd = np.empty(columns // 2 + taps, out.dtype)
-    used = np.empty(taps, np.int64)
+    used = np.empty(rows + taps, np.int64)
     for k in range(first, last):
         if levels == 0 or cube.ctypes.data != out.ctypes.data:
             for i in range(rows):
                 _wrap(cube[k, i], columns, 0, columns, out[k, i])
         for level in range(levels):
             r, c = rows >> level, columns >> level
-            half = c // 2
+            half, shift = c // 2, origin % c
+            _count(origin % r, 1, r, used[: r + taps])
             for i in range(r):
-                _wrap(out[k, i], c, origin, c + taps, row)
+                _wrap(out[k, i], c, shift, c + taps, row)
                 for j in range((c + taps) // 2):
                     even[j] = row[2 * j]
                     odd[j] = row[2 * j + 1]
                 for p in range(2):
                     _along_row(filters[p], even, odd, 0, 1, middle[i, p * half : (p + 1) * half])
             for i in range(r // 2):
-                for t in range(taps):
-                    used[t] = (2 * i + origin + t) % r
                 for p in range(2):
-                    _across_rows(filters[p], middle, c, used, out[k, p * (r // 2) + i, :c])
+                    _across_rows(filters[p], middle, c, used[2 * i :], out[k, p * (r // 2) + i, :c])
 
 
 @njit(nogil=True, cache=True)
@@ -140,7 +150,8 @@ def synthesis_bands(first: int, last: int, packed: Any, phases: Any, length: int
     high = np.empty(columns // 2 + taps, out.dtype)
     made = np.empty((2, columns // 2), out.dtype)
     row = np.empty(columns, out.dtype)
-    used = np.empty(taps, np.int64)
+    down = np.empty(rows // 2 + taps, np.int64)
+    used = np.empty(rows + 2 * taps, np.int64)
     for k in range(first, last):
         if levels == 0 or packed.ctypes.data != out.ctypes.data:
             for i in range(rows):
@@ -148,21 +159,23 @@ def synthesis_bands(first: int, last: int, packed: Any, phases: Any, length: int
         for level in range(levels - 1, -1, -1):
             r, c = rows >> level, columns >> level
             n, half = r // 2, c // 2
+            top, before, shift = origin % r, -reach % half, -origin % c
+            _count(n - 1, n - 1, n, down[: n + taps // 2])
+            for p in range(n + taps // 2):
+                used[2 * p], used[2 * p + 1] = down[p], n + down[p]
             for i in range(n):
-                for u in range(taps // 2):
-                    used[2 * u] = (i - u) % n
-                    used[2 * u + 1] = n + (i - u) % n
                 for p in range(2):
-                    _across_rows(phases[p], out[k], c, used, middle[(2 * i + p + origin) % r, :c])
+                    at = top + 2 * i + p
+                    _across_rows(phases[p], out[k], c, used[2 * (n - 1 - i) :], middle[at if at < r else at - r, :c])
             for i in range(r):
-                _wrap(middle[i], half, -reach, half + reach, low)
-                _wrap(middle[i, half:c], half, -reach, half + reach, high)
+                _wrap(middle[i], half, before, half + reach, low)
+                _wrap(middle[i, half:c], half, before, half + reach, high)
                 for p in range(2):
                     _along_row(phases[p], low, high, reach, -1, made[p, :half])
                 for j in range(half):
                     row[2 * j] = made[0, j]
                     row[2 * j + 1] = made[1, j]
-                _wrap(row, c, -origin, c, out[k, i])
+                _wrap(row, c, shift, c, out[k, i])
 
 
 @njit(nogil=True, cache=True, fastmath=FAST)
