@@ -212,7 +212,9 @@ def matched_finding(run: RunData, target: str, R: float) -> Finding:
     ]
     methods = dict.fromkeys(Recipe("matched", "unit-shift", row.solver, row.tau_rule) for row in physical)
     if any(m.tau_rule is None for m in methods) and any(m.tau_rule for m in methods):
-        sentences.append("Eq. 4 may leave a residual; basis pursuit fits data exactly, what H does not know of them included, and so amplifies it.")
+        sentences.append(
+            "Eq. 4 may leave a residual; basis pursuit fits data exactly, what H does not know of them included, and so amplifies it."
+        )
     rows = []
     for matched in sorted(methods, key=lambda m: (None, "oracle", "auto").index(m.tau_rule), reverse=True):
         rows.append((f"{method_text(matched)}: matched data", *cells(run, matched, target, R)))
