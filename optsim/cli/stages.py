@@ -79,7 +79,13 @@ def measure(
         bool, Parameter(help="With --physical: interpolate a cube that is too coarse; the result is marked.", negative="")
     ] = False,
     camera: Annotated[Path | None, Parameter(help="With --physical: a camera as TOML.")] = None,
-    noise: Annotated[bool, Parameter(help="With --physical: shot noise, read noise, converter; frames in DN.", negative="")] = False,
+    noise: Annotated[
+        bool,
+        Parameter(
+            help="Shot noise, read noise, full well and converter; frames in DN. The brightest pixel is exposed to 90 % of the full well.",
+            negative="",
+        ),
+    ] = False,
     bits: Annotated[int | None, Parameter(help="With --noise: bits of the converter, 8 to 16 (default 12).")] = None,
     read_noise: Annotated[float | None, Parameter(help="With --noise: read noise, RMS electrons (default 10).")] = None,
     exposure: Annotated[float | None, Parameter(help="With --physical: exposure in s; automatic when absent.")] = None,
@@ -97,7 +103,6 @@ def measure(
     only_physical = {
         "--interpolate": interpolate,
         "--camera": camera,
-        "--noise": noise,
         "--exposure": exposure is not None,
         "--bands": bands is not None,
     }
@@ -124,7 +129,7 @@ def measure(
     else:
         height, width = source["radiance"].shape[:2]
         drawn = masks_for(chosen, shots, rule, (height, width), seed)
-        frames = measure_matched(source, chosen, drawn, masks_name=rule.name, seed=seed)
+        frames = measure_matched(source, chosen, drawn, masks_name=rule.name, seed=seed, noise=_noise(noise, bits, read_noise))
     write(frames, output)
     _wrote(output, frames["frames"].shape, f"(shot, channel, y, x), {frames.attrs['units']}")
 

@@ -73,6 +73,14 @@ def test_physical_frames_with_noise_come_back_in_the_cubes_units(fine, tmp_path,
     assert json.loads(capsys.readouterr().out)["psnr_db"] > 15
 
 
+def test_matched_frames_with_noise_come_back_in_the_cubes_units(cube, tmp_path):
+    frames, estimate = tmp_path / "f.nc", tmp_path / "e.nc"
+    assert optsim("measure", cube, "--sensor", "mono", "--shots", 6, "--noise", "--bits", 14, "-o", frames) == 0
+    assert optsim("reconstruct", frames, "--solver", "admm", "--tau", "1e-4", "-o", estimate) == 0
+    truth, found = read_cube(cube)["radiance"].values, read_cube(estimate)["radiance"].values
+    assert np.mean(found) == pytest.approx(np.mean(truth), rel=0.1)
+
+
 def test_physical_refuses_a_coarse_cube_and_interpolates_when_told(cube, tmp_path, capsys):
     words = ("measure", cube, "--sensor", "foveon", "--shots", 1, "--physical", "-o", tmp_path / "f.nc")
     assert optsim(*words) == 2
@@ -97,7 +105,9 @@ def test_physical_refuses_a_coarse_cube_and_interpolates_when_told(cube, tmp_pat
         (("measure", "CUBE", "--sensor", "mono", "--shots", "4", "--masks", "repeated", "-o", "x.nc"), "--shots"),
         (("measure", "CUBE", "--sensor", "mono", "--shots", "0", "-o", "x.nc"), "--shots"),
         (("measure", "CUBE", "--sensor", "ccd", "--shots", "1", "-o", "x.nc"), "--sensor"),
-        (("measure", "CUBE", "--sensor", "mono", "--shots", "1", "--noise", "-o", "x.nc"), "--noise"),
+        (("measure", "CUBE", "--sensor", "mono", "--shots", "1", "--bits", "12", "-o", "x.nc"), "--bits"),
+        (("measure", "CUBE", "--sensor", "mono", "--shots", "1", "--noise", "--bits", "7", "-o", "x.nc"), "--bits"),
+        (("measure", "CUBE", "--sensor", "mono", "--shots", "1", "--exposure", "1", "-o", "x.nc"), "--exposure"),
         (("measure", "CUBE", "--sensor", "mono", "--shots", "1", "--physical", "--matched", "-o", "x.nc"), "--matched"),
         (("reconstruct", "CUBE", "-o", "x.nc"), "format"),
         (("score", "CUBE", "absent.nc"), "absent.nc"),
