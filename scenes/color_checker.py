@@ -17,11 +17,12 @@ from scenes.spectrum import Spectrum
 from scenes.viewpoint import Orthographic
 
 COLUMNS, ROWS = 6, 4
-PATCH = (8 / 64, 13 / 64)
-"""Width and height of a patch, as fractions of the picture. All borders lie on multiples of 1/64: on mirror borders at 64, 128, 256..."""
-GAP = 2 / 64
-MARGIN = 3 / 64
-FRAME = 1 / 64
+PATCH = (0.1243, 0.2011)
+"""Width and height of a patch, as fractions of the picture. Borders fall where they fall, as in a photograph: on a dyadic grid, such
+as multiples of 1/64, a Haar basis recovers the chart 15 dB better than any other (docs/decisions/0003-basis.md)."""
+GAP = 0.0317
+MARGIN = ((1 - COLUMNS * PATCH[0] - (COLUMNS - 1) * GAP) / 2, (1 - ROWS * PATCH[1] - (ROWS - 1) * GAP) / 2)
+FRAME = 0.0173
 HAIR = 2.0**-16
 """How far patches stand in front of the board (and bars in front of patches), as a fraction of its side: a coat of ink, 4 um on the
 default board. So thin that its shadow is a thousandth of a mirror wide."""
@@ -66,7 +67,7 @@ class ColorChecker(Model):
         boxes = {}
         for i, name in enumerate(reflectances()):
             row, column = divmod(i, COLUMNS)
-            left, top = MARGIN + column * (PATCH[0] + GAP), MARGIN + row * (PATCH[1] + GAP)
+            left, top = MARGIN[0] + column * (PATCH[0] + GAP), MARGIN[1] + row * (PATCH[1] + GAP)
             boxes[name] = Region(left, top, left + PATCH[0], top + PATCH[1])
         return boxes
 

@@ -147,23 +147,28 @@ def reconstruct(
         Literal["camera", "unit-shift"],
         Parameter(help="`camera`: the columns in the file; `unit-shift`: band k falls exactly k pixels on."),
     ] = "camera",
+    wavelet: Annotated[str, Parameter(help="Orthogonal wavelet of PyWavelets: db2, haar, db4, sym8, ...")] = "db2",
     max_iterations: Annotated[int | None, Parameter(help="Stop there at the latest.")] = None,
     debias: Annotated[bool, Parameter(help="With gpsr: refit the coefficients that are not zero.", negative="")] = False,
 ) -> None:
     """Recover the cube from frames; the estimate comes back in the cube's own units."""
-    from optsim.camera import with_unit_shifts
+    from optsim.camera import check_frames, with_unit_shifts
     from optsim.files import read, writable, write
     from optsim.study.inverse import estimate_of, invert
+    from recon import Kronecker
 
     writable(output)
     measured = read(frames)
+    check_frames(measured)
     if operator == "unit-shift":
         measured = with_unit_shifts(measured)
-    chosen, start = solver_named(solver, tau, measured, max_iterations, debias)
+    basis = Kronecker.for_shape((measured.sizes["mirror_y"], measured.sizes["mirror_x"], measured.sizes["wavelength"]), wavelet=wavelet)
+    chosen, start = solver_named(solver, tau, measured, max_iterations, debias, basis)
     with progress_bar(solver) as progress:
         solution = invert(
             measured,
             chosen,
+            basis=basis,
             start=start,
             on_iteration=lambda iteration, value: progress(None, f"iteration {iteration}, objective {value:.5g}"),
         )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from optsim.camera import Sensor
     from optsim.camera.dmd import MaskRule
+    from recon.basis import Basis
     from recon.problem import Solver
     from recon.tuning import TauChoice
     from scenes.scene import Scene
@@ -51,7 +52,7 @@ def mask_rule(word: str) -> MaskRule:
 
 
 def solver_named(
-    word: str, tau: str | None, frames: xr.Dataset, max_iterations: int | None, debias: bool
+    word: str, tau: str | None, frames: xr.Dataset, max_iterations: int | None, debias: bool, basis: Basis
 ) -> tuple[Solver, np.ndarray | None]:
     """Return a solver's configuration, its tau resolved for these frames, and a first guess if finding tau gave one.
 
@@ -61,6 +62,7 @@ def solver_named(
         frames: the measurement, from which an automatic tau is found without ground truth.
         max_iterations: None leaves the solver's default.
         debias: refit the support (gpsr).
+        basis: in which an automatic tau is sought.
 
     Raises:
         InputError: ``--tau``, ``--debias`` or ``--max-iterations``.
@@ -76,13 +78,13 @@ def solver_named(
         if tau is not None:
             raise InputError("--tau", tau, "absent with --solver basis-pursuit, which needs none")
         return BasisPursuit(**limit), None
-    choice = _tau(tau, frames)
+    choice = _tau(tau, frames, basis)
     if word == "gpsr":
         return Gpsr(tau=choice.tau, debias=debias, **limit), choice.start
     return {"admm": Admm, "fista": Fista}[word](tau=choice.tau, **limit), choice.start
 
 
-def _tau(word: str | None, frames: xr.Dataset) -> TauChoice:
+def _tau(word: str | None, frames: xr.Dataset, basis: Basis) -> TauChoice:
     import numpy as np
 
     from optsim.camera import band_model_of, signal_of
@@ -99,7 +101,7 @@ def _tau(word: str | None, frames: xr.Dataset) -> TauChoice:
         if not 0 <= fraction <= 1:
             raise InputError("--tau", word, allowed)
         rule = TauFraction(fraction=fraction)
-    choice = rule.choose(band_model_of(frames).operator(np.float32), signal_of(frames))
+    choice = rule.choose(band_model_of(frames).operator(np.float32), signal_of(frames), basis=basis)
     print(choice.reason, file=sys.stderr)
     return choice
 

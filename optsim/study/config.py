@@ -29,6 +29,7 @@ class StudyConfig(BaseModel):
         gpsr_groups: colour shots at which Eq. 4 is solved too, by GPSR, with automatic and oracle tau.
         physical_groups: colour shots at which data of the fine camera model are reconstructed.
         tau_fractions: grid of tau / tau_max for GPSR, descending; at most 5 values.
+        wavelet: of the sparse basis, an orthogonal family of PyWavelets; levels: as deep as the picture allows, at most 5.
         render_error: relative error (RMSE per band) at which the render of the samples stops.
         subdivide: wavelengths inside every band of the fine cube, at least 10.
         oversample: samples along each side of a mirror, at least 2.
@@ -44,6 +45,7 @@ class StudyConfig(BaseModel):
     gpsr_groups: tuple[Groups, ...] = (1, 4)
     physical_groups: tuple[Groups, ...] = (1,)
     tau_fractions: tuple[Fraction, ...] = Field((3e-4, 1e-4, 3e-5, 1e-5, 3e-6), min_length=1, max_length=5)
+    wavelet: str = "db2"
     render_error: float = Field(0.005, gt=1e-5, le=1)
     subdivide: int = Field(10, ge=10, le=100)
     oversample: int = Field(2, ge=2, le=8)
@@ -62,6 +64,13 @@ class StudyConfig(BaseModel):
         if len(set(value)) != len(value):
             raise ValueError("must not name anything twice")
         return value
+
+    @field_validator("wavelet")
+    @classmethod
+    def _orthogonal(cls, value: str) -> str:
+        from recon import Kronecker
+
+        return Kronecker(wavelet=value).wavelet
 
     @classmethod
     def quick(cls, seed: int = 0) -> StudyConfig:

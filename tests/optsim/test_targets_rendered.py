@@ -1,5 +1,7 @@
 """The rendered targets against closed forms: Lambert's law under an integrated lamp, and bars on whole mirrors."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
@@ -31,7 +33,9 @@ def lambertian(light, x, y, curve):
 
 
 def mirrors(box: Region, size: int) -> tuple[slice, slice]:
-    left, top, right, bottom = (round(v * size) for v in box)
+    """Return the mirrors that lie wholly inside a region."""
+    left, top = (math.ceil(v * size - 1e-9) for v in box[:2])
+    right, bottom = (math.floor(v * size + 1e-9) for v in box[2:])
     return slice(top, bottom), slice(left, right)
 
 
@@ -41,9 +45,9 @@ def test_every_patch_has_the_radiance_of_lamberts_law_in_every_band(lamp):
     scene = recipe.build()
     cube = render(scene, BANDS, (64, 64), RenderSettings(samples_per_pixel=64, seed=1)).radiance.values
     for name, box in recipe.patch_boxes().items():
-        x = ((box.left + box.right) / 2 - 0.5) * recipe.side_m
-        y = (0.5 - (box.top + box.bottom) / 2) * recipe.side_m
         rows, columns = mirrors(box, 64)
+        x = ((columns.start + columns.stop) / 128 - 0.5) * recipe.side_m
+        y = (0.5 - (rows.start + rows.stop) / 128) * recipe.side_m
         got = cube[rows, columns].reshape(-1, BANDS.count).mean(0)
         np.testing.assert_allclose(got, lambertian(scene.lights[0], x, y, reflectance(name)), rtol=3e-3)
 

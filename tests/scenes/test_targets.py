@@ -35,9 +35,11 @@ def test_the_board_fills_the_picture_and_each_patch_lies_where_it_is_said_to(rec
         assert shapes[name].material == name
 
 
-def test_patch_borders_lie_on_mirror_borders_at_64_128_and_256_and_patches_are_apart():
+def test_patch_borders_favour_no_dyadic_grid_and_patches_are_apart():
     boxes = np.array(list(ColorChecker().patch_boxes().values()))
-    assert np.all(boxes * 64 == np.round(boxes * 64))
+    for size in (64, 128, 256):
+        on_a_mirror_border = np.abs(boxes * size - np.round(boxes * size)) < 0.01
+        assert on_a_mirror_border.mean() < 0.1
     assert boxes.min() > 0
     assert boxes.max() < 1
     for a in range(24):
