@@ -70,6 +70,7 @@ class State:
         stage: 0 for the pilot, 1 for the passes that count (or 0 throughout when a number of samples was asked for).
         spent: paths a pixel of this stage so far.
         cut: largest share of light cut off by the depth limit in a pass.
+        whole: False while a pass is being taken in, or a stage set up: what an interruption then leaves must not be saved.
     """
 
     groups: list[Replicates]
@@ -77,6 +78,7 @@ class State:
     stage: int = 0
     spent: int = 0
     cut: float = 0.0
+    whole: bool = True
 
     @property
     def passes(self) -> int:
@@ -87,7 +89,8 @@ class State:
 def run(task: Renderable, progress: Progress | None, checkpoint: Path | None, digest: str) -> State:
     """Render until the goal of the task's settings, or resume from a checkpoint of the same digest.
 
-    The checkpoint is written every ten seconds, on any interruption, and at the end.
+    The checkpoint is written every ten seconds, at the end, and on an interruption; one that falls into the taking in of a pass
+    leaves the checkpoint before, of at most ten seconds and a pass ago.
     """
     state = _resume(task, checkpoint, digest)
     saved = time.monotonic()
@@ -100,9 +103,11 @@ def run(task: Renderable, progress: Progress | None, checkpoint: Path | None, di
                 saved = time.monotonic()
             for group, accumulator in enumerate(state.groups):
                 sample, cut = task.trace(group, state.samples, (task.settings.seed, group, state.stage, state.passes))
+                state.whole = False
                 accumulator.add(sample)
                 state.cut = max(state.cut, cut)
             state.spent += state.samples
+            state.whole = True
             if progress is not None:
                 progress(*_standing(task, state))
     finally:
@@ -145,9 +150,11 @@ def _finished(task: Renderable, state: State) -> bool:
     if state.stage == 0:
         needed = state.spent * (error / target) ** 2
         longest = max(1, min(MAX_PATHS_A_PASS // task.pixels, limit // MIN_PASSES))
+        state.whole = False
         state.samples = int(np.clip(np.ceil(needed / PASSES_PLANNED), min(PILOT_SAMPLES, longest), longest))
         state.stage, state.spent, state.cut = 1, 0, 0.0
         state.groups = task.empty()
+        state.whole = True
     return False
 
 
@@ -180,8 +187,8 @@ def _resume(task: Renderable, checkpoint: Path | None, digest: str) -> State:
 
 
 def _save(state: State, file: Path, digest: str) -> None:
-    """Save whole passes only: after an interruption between two light groups the file of the pass before stays."""
-    if len({group.count for group in state.groups}) > 1:
+    """Save whole passes only: after an interruption inside a pass, or between two light groups, the file before stays."""
+    if not state.whole:
         return
     values: dict[str, np.ndarray | float | int] = {"samples": state.samples, "stage": state.stage, "spent": state.spent, "cut": state.cut}
     values["count"] = state.passes

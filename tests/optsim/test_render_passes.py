@@ -162,6 +162,74 @@ def test_an_interruption_between_two_light_groups_keeps_whole_passes_only(tmp_pa
     assert resumed.radiance.values.tobytes() == whole.radiance.values.tobytes()
 
 
+@pytest.mark.parametrize("scene", [CHART, BLOCK], ids=["one-light-group", "two-light-groups"])
+@pytest.mark.parametrize("often", [False, True], ids=["saved-at-the-end", "saved-each-pass"])
+@pytest.mark.parametrize("at", [1, 2, 7, 8])
+def test_an_interruption_while_a_pass_is_added_leaves_no_half_pass_in_the_checkpoint(tmp_path, scene, often, at):
+    settings, file = RenderSettings(samples_per_pixel=64), tmp_path / "render.npz"
+    whole = render(scene, BANDS, (6, 6), settings)
+    original, calls = Replicates.add, []
+
+    def interrupted_rows(sample):
+        yield sample[0]
+        raise KeyboardInterrupt
+
+    def add(self, sample):
+        calls.append(1)
+        original(self, interrupted_rows(sample) if len(calls) == at else sample)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Replicates, "add", add)
+        if often:
+            patch.setattr(passes_module, "CHECKPOINT_EVERY_S", 0.0)
+        with pytest.raises(KeyboardInterrupt):
+            render(scene, BANDS, (6, 6), settings, checkpoint=file)
+    resumed = render(scene, BANDS, (6, 6), settings, checkpoint=file)
+    assert resumed.radiance.values.tobytes() == whole.radiance.values.tobytes()
+    assert resumed.stderr.values.tobytes() == whole.stderr.values.tobytes()
+    assert resumed.attrs == whole.attrs
+
+
+def test_an_interruption_while_a_pass_is_traced_keeps_all_passes_before_it(tmp_path):
+    settings, file = RenderSettings(samples_per_pixel=64), tmp_path / "render.npz"
+    original, traced = Transport.trace, []
+
+    def trace(self, group, samples, key):
+        if key[-1] == 5 and len(traced) == 5:
+            raise KeyboardInterrupt
+        traced.append(key[-1])
+        return original(self, group, samples, key)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Transport, "trace", trace)
+        with pytest.raises(KeyboardInterrupt):
+            render(CHART, BANDS, (6, 6), settings, checkpoint=file)
+        traced.clear()
+        render(CHART, BANDS, (6, 6), settings, checkpoint=file)
+    assert traced == [5, 6, 7]
+
+
+def test_an_interruption_between_pilot_and_main_stage_mixes_nothing(tmp_path):
+    settings, file = RenderSettings(error=0.002), tmp_path / "render.npz"
+    whole = render(CHART, BANDS, (6, 6), settings)
+    original, calls = Transport.empty, []
+
+    def empty(self):
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return original(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Transport, "empty", empty)
+        patch.setattr(passes_module, "CHECKPOINT_EVERY_S", 0.0)
+        with pytest.raises(KeyboardInterrupt):
+            render(CHART, BANDS, (6, 6), settings, checkpoint=file)
+    resumed = render(CHART, BANDS, (6, 6), settings, checkpoint=file)
+    assert resumed.radiance.values.tobytes() == whole.radiance.values.tobytes()
+    assert resumed.attrs == whole.attrs
+
+
 def test_a_checkpoint_of_another_configuration_or_a_broken_one_is_not_used(tmp_path):
     file = tmp_path / "render.npz"
     render(CHART, BANDS, (8, 8), RenderSettings(samples_per_pixel=16, seed=5), checkpoint=file)
