@@ -4,8 +4,8 @@
 
 Cost is seconds times normalised mean square error (against a long render with another seed), which does not depend on the number
 of samples for plain Monte Carlo: a ratio of 10 means ten times less time at equal error. Low-discrepancy points make the cost
-fall with the number of samples. Compilation is not counted (first call apart). The flat target is measured twice: as made, its
-borders lie on pixel borders at 64 pixels and its pixels are smooth; at 60 pixels borders cut pixels.
+fall with the number of samples. Compilation is not counted (first call apart). The flat target is measured at two sizes, because
+its borders cut pixels at other places in each: the ratio depends on how much of its error comes from the few pixels that are cut.
 """
 
 from __future__ import annotations
