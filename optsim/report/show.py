@@ -35,7 +35,7 @@ def show(data: xr.Dataset, out: Path, points: Sequence[tuple[int, int]] | None =
 
     Args:
         data: Dataset with ``radiance`` (a cube or an estimate; ``stderr`` optional) or ``frames``.
-        out: the PNG to write; its folder must exist.
+        out: the PNG to write; its folder is made when it is missing.
         points: (y, x) pixels whose spectra are drawn, at most 8; None chooses up to 6 flat places.
 
     Returns:
@@ -54,6 +54,7 @@ def show(data: xr.Dataset, out: Path, points: Sequence[tuple[int, int]] | None =
             figure = frames_figure(data)
         else:
             raise InputError("file", sorted(map(str, data.data_vars)), "a cube or estimate (variable radiance) or frames (variable frames)")
+        out.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(out, dpi=DPI, metadata={"Software": None})
     return out
 
