@@ -59,16 +59,21 @@ def reconstruct(
 
 
 def warm_up(dtype: Any = np.float32) -> None:
-    """Compile the kernels of a basis-pursuit solve on a cube of 8 x 8 x 2, so that the first real one starts at once.
+    """Compile the kernels of all solvers on a cube of 8 x 8 x 2, so that the first real solve starts at once.
 
     numba keeps what it compiles on disk; on a fresh checkout this takes some ten seconds, which a caller can spend in a
     thread of its own while something else runs.
     """
+    from recon.admm import Admm
+    from recon.tuning import tune
+
     masks = np.indices((1, 8, 8)).sum(0) % 2
     for spread in (1, 2):
         camera = CodedAperture(masks, np.ones((1, 2)), np.arange(2), np.ones((2, spread)), dtype=dtype)
         camera.astype(np.float64).forward(np.ones(camera.in_shape))
-        reconstruct(camera, np.ones(camera.out_shape), threads=1)
+        frames = camera.forward(np.ones(camera.in_shape, dtype))
+        reconstruct(camera, frames, threads=1)
+        tune(camera, frames, refine=Admm(tau=0), threads=1)
 
 
 def _solution(operator: LinearOperator, problem: Problem, found: Found, began: float) -> Solution:

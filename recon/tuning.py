@@ -16,7 +16,7 @@ from recon.config import Config
 from recon.errors import InputError
 from recon.gpsr import Gpsr
 from recon.operator import LinearOperator, RowWeighted
-from recon.problem import Problem, Solver, prepare
+from recon.problem import OnIteration, Problem, Solver, prepare
 from recon.solution import Solution
 from recon.solve import reconstruct
 
@@ -108,6 +108,7 @@ class TauPath(Config):
         largest: float | None = None,
         guide: tuple[np.ndarray, ...] = (),
         on_point: OnPoint | None = None,
+        on_iteration: OnIteration | None = None,
     ) -> tuple[Solution, ...]:
         """Solve along the path; one solution for each fraction.
 
@@ -120,6 +121,7 @@ class TauPath(Config):
             guide: cubes (M, N, K) of the same path on nearly the same data, one a point, whose changes predict the starts;
                 empty: each start is predicted from the two points before.
             on_point: called after every point.
+            on_iteration: called in every solve; what it raises ends the path.
 
         Raises:
             InputError: see :func:`recon.reconstruct`; ``guide`` when there are not as many as fractions.
@@ -132,7 +134,11 @@ class TauPath(Config):
         for i, fraction in enumerate(self.fractions):
             start = _followed(guide, found) if guide else self._predicted(found)
             solver = self.solver.model_copy(update={"tau": fraction * largest})
-            found.append(reconstruct(operator, frames, basis=basis, solver=cast(Solver, solver), start=start, threads=threads))
+            found.append(
+                reconstruct(
+                    operator, frames, basis=basis, solver=cast(Solver, solver), start=start, threads=threads, on_iteration=on_iteration
+                )
+            )
             if on_point is not None:
                 on_point(i, found[-1])
         return tuple(found)
@@ -182,6 +188,7 @@ class AutoTau(Config):
         basis: Basis | None = None,
         threads: int | None = None,
         on_point: OnPoint | None = None,
+        on_iteration: OnIteration | None = None,
     ) -> tuple[TauChoice, tuple[np.ndarray, ...]]:
         """Return the choice and the held-out estimates (M, N, K) along the path, a guide for a path on all data."""
         psi = Kronecker.for_shape(operator.in_shape) if basis is None else basis
@@ -193,7 +200,9 @@ class AutoTau(Config):
         with pool.use(threads):
             largest = problem.tau_max()
         seen = RowWeighted(problem.operator, kept)
-        solutions = self.path.follow(seen, problem.frames * kept, basis=psi, threads=threads, largest=largest, on_point=on_point)
+        solutions = self.path.follow(
+            seen, problem.frames * kept, basis=psi, threads=threads, largest=largest, on_point=on_point, on_iteration=on_iteration
+        )
         with pool.use(threads):
             squares = np.array([_held_squares(problem, s.cube, held) for s in solutions])
         energy = float((problem.frames[..., held].astype(np.float64) ** 2).sum())
@@ -264,6 +273,7 @@ def tune(
     basis: Basis | None = None,
     threads: int | None = None,
     on_point: OnPoint | None = None,
+    on_iteration: OnIteration | None = None,
 ) -> TauReport:
     """Follow one path with pixels held out, and one on all data guided by it, and report both choices of tau.
 
@@ -276,18 +286,19 @@ def tune(
         basis: Psi; None: ``Kronecker.for_shape`` of the cube.
         threads: threads of the kernels; None: all cores.
         on_point: called after every point of both paths, numbered through.
+        on_iteration: called in every solve; what it raises ends the search.
 
     Raises:
         InputError: see :func:`recon.reconstruct`; ``frames`` when they are zero everywhere.
     """
     rule = AutoTau() if auto is None else auto
     count = len(rule.path.fractions)
-    choice, guide = rule.try_all(operator, frames, basis=basis, threads=threads, on_point=on_point)
+    choice, guide = rule.try_all(operator, frames, basis=basis, threads=threads, on_point=on_point, on_iteration=on_iteration)
     if not guide:
         raise InputError("frames", 0.0, "different from zero somewhere: without light there is no tau to choose")
     path = rule.path if refine is None else rule.path.model_copy(update={"solver": refine})
     later = None if on_point is None else (lambda i, solution: on_point(count + i, solution))
-    solutions = path.follow(operator, frames, basis=basis, threads=threads, guide=guide, on_point=later)
+    solutions = path.follow(operator, frames, basis=basis, threads=threads, guide=guide, on_point=later, on_iteration=on_iteration)
     scores = () if score is None else tuple(float(score(s.cube)) for s in solutions)
     return TauReport(solutions, path.fractions, choice, rule.path.fractions.index(choice.fraction), scores)
 

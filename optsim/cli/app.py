@@ -1,7 +1,8 @@
-"""The verbs, loaded only when called, and the three exit codes: 0 done, 1 the work failed, 2 bad usage or input."""
+"""The verbs, loaded only when called, and the exit codes: 0 done, 1 the work failed, 2 bad usage or input, 130 Ctrl-C."""
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 
@@ -9,6 +10,9 @@ import cyclopts
 
 from optsim import __version__
 from optsim.cli.help import HELP, HELPS
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
 
 VERBS = {
     "run": "optsim.cli.run:run",
@@ -26,7 +30,7 @@ VERBS = {
 
 def build() -> cyclopts.App:
     """Return the application with its verbs as import paths, so that ``--help`` loads none of them."""
-    app = cyclopts.App(name="optsim", help=HELP, help_format="markdown", version=__version__)
+    app = cyclopts.App(name="optsim", help=HELP, help_format="markdown", version=__version__, suppress_keyboard_interrupt=False)
     for name, path in VERBS.items():
         app.command(path, name=name, help=HELPS[name])
     return app
@@ -46,12 +50,14 @@ def _code(arguments: list[str]) -> int:
         return 2
     except KeyboardInterrupt as interrupt:
         _complain(str(interrupt) or "stopped")
-        return 130
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output left, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except SystemExit as leave:
         return leave.code if isinstance(leave.code, int) else 1
     except Exception as error:
         if not _is_input_error(error):
-            import os
             import traceback
 
             if os.environ.get("OPTSIM_TRACEBACK"):

@@ -10,7 +10,7 @@ Each verb reads the file of the stage before and writes the next:
     optsim reconstruct frames.nc -o estimate.nc
     optsim score estimate.nc cube.nc
 
-or everything at once: `optsim run --quick`. Exit code 0: done; 1: the work failed; 2: bad usage or bad input.
+or everything at once: `optsim run --quick`. Exit code 0: done; 1: the work failed; 2: bad usage or bad input; 130: Ctrl-C.
 """
 
 HELPS = {
@@ -39,8 +39,9 @@ Example: `optsim measure fine.nc --sensor mono --shots 3 --physical --noise -o f
 """,
     "reconstruct": """Recover the cube from frames, in the cube's own units.
 
-Basis pursuit, the default, fits the frames exactly and needs no tau; admm, gpsr and fista minimise
-||g - H Psi theta||^2 + tau ||theta||_1.
+Basis pursuit fits the frames exactly and needs no tau: the default for matched frames without noise. admm, gpsr and fista
+minimise ||g - H Psi theta||^2 + tau ||theta||_1; admm with an automatic tau is the default for noisy and physical frames,
+where an exact fit would amplify what H does not know.
 
 Example: `optsim reconstruct frames.nc -o estimate.nc`
 

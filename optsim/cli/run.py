@@ -14,9 +14,10 @@ from optsim.errors import InputError
 def run(
     *,
     quick: Annotated[bool, Parameter(help="64 x 64, target 1, R = 1/8 and 1/2: under a minute.", negative="")] = False,
-    out: Annotated[Path, Parameter(help="Folder for report.html, summary.json, cubes, frames, estimates and figures.")] = Path(
-        "optsim-run"
-    ),
+    out: Annotated[
+        Path | None,
+        Parameter(help="Folder for report.html, summary.json, figures, cubes, frames (default optsim-run; with --quick optsim-run-quick)."),
+    ] = None,
     seed: Annotated[int | None, Parameter(help="0 to 4294967295 (default 0); the same seed gives the same bytes.")] = None,
     config: Annotated[Path | None, Parameter(help="Study as TOML; its keys are the fields of StudyConfig, see docs/study.md.")] = None,
 ) -> None:
@@ -30,5 +31,6 @@ def run(
     if seed is not None:
         study = StudyConfig.model_validate(study.model_dump() | {"seed": seed})
     options = ["--quick"] * quick + (["--config", str(config)] if config else []) + ["--seed", str(study.seed)]
-    outcome = run_study(study, out, " ".join(["optsim run", *options]))
+    folder = out or Path("optsim-run-quick" if quick else "optsim-run")
+    outcome = run_study(study, folder, " ".join(["optsim run", *options]))
     print(f"done in {outcome.seconds:.0f} s: {outcome.page}", file=sys.stderr)

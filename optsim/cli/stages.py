@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Output = Annotated[Path, Parameter(name=["--output", "-o"], help="File to write.")]
 PAPER = "paper"
+MATCHED, RELATIVE = "matched", "relative"
 
 
 def render(
@@ -127,6 +128,7 @@ def measure(
         )
         frames = _photograph(source, chosen, shots, bands, camera, how)
     else:
+        source = _band_cube(source)
         height, width = source["radiance"].shape[:2]
         drawn = masks_for(chosen, shots, rule, (height, width), seed)
         frames = measure_matched(source, chosen, drawn, masks_name=rule.name, seed=seed, noise=_noise(noise, bits, read_noise))
@@ -139,7 +141,10 @@ def reconstruct(
     /,
     *,
     output: Output,
-    solver: Annotated[Literal["basis-pursuit", "admm", "gpsr", "fista"], Parameter(help="How to invert.")] = "basis-pursuit",
+    solver: Annotated[
+        Literal["basis-pursuit", "admm", "gpsr", "fista"] | None,
+        Parameter(help="How to invert; when absent: basis-pursuit for matched frames without noise, admm for all others."),
+    ] = None,
     tau: Annotated[
         str | None, Parameter(help="`auto` (held-out pixels; the default) or a fraction of tau_max, for admm, gpsr and fista.")
     ] = None,
@@ -162,6 +167,10 @@ def reconstruct(
     check_frames(measured)
     if operator == "unit-shift":
         measured = with_unit_shifts(measured)
+    if solver is None:
+        exact = measured.attrs["model"] == MATCHED and measured.attrs["units"] == RELATIVE and tau is None
+        solver = "basis-pursuit" if exact else "admm"
+        print(f"solver: {solver}" + ("" if exact else ", as an exact fit would amplify noise and what H does not know"), file=sys.stderr)
     basis = Kronecker.for_shape((measured.sizes["mirror_y"], measured.sizes["mirror_x"], measured.sizes["wavelength"]), wavelet=wavelet)
     chosen, start = solver_named(solver, tau, measured, max_iterations, debias, basis)
     with progress_bar(solver) as progress:
@@ -228,6 +237,20 @@ def _noise(wanted: bool, bits: int | None, read_noise: float | None) -> Noise | 
     if not wanted:
         return None
     return Noise(bits=12 if bits is None else bits, read_noise_e=10.0 if read_noise is None else read_noise)
+
+
+def _band_cube(source: xr.Dataset) -> xr.Dataset:
+    """Average a fine cube over the mirrors and bands that it was rendered for; another cube stays as it is."""
+    from optsim.cube import Bands, band_mean, block_mean
+
+    samples, parts = int(source.attrs.get("oversample", 1)), int(source.attrs.get("subdivide", 1))
+    if samples > 1:
+        source = block_mean(source, samples).assign_attrs(oversample=1)
+    if parts > 1:
+        source = band_mean(source, Bands.parse(str(source.attrs["bands"]))).assign_attrs(subdivide=1)
+    if samples > 1 or parts > 1:
+        print(f"the fine cube was averaged to {' x '.join(map(str, source['radiance'].shape))} first", file=sys.stderr)
+    return source
 
 
 def _reduced(truth: xr.Dataset, estimate: xr.Dataset) -> xr.Dataset:

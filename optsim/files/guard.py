@@ -41,6 +41,16 @@ def declared_size(field: str, shape: tuple[int, ...], itemsize: int) -> None:
         raise InputError(field, shape, f"at most {MAX_BYTES >> 30} GiB when unpacked")
 
 
+def _umask() -> int:
+    """Read the process's umask, which can only be read by setting it: once, at import, before there are threads."""
+    current = os.umask(0o077)
+    os.umask(current)
+    return current
+
+
+UMASK = _umask()
+
+
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """Give a temporary path in the same folder, flushed to disk and renamed to ``path`` on success.
@@ -55,13 +65,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         yield temporary
         with temporary.open("rb+") as file:
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())
+        os.chmod(temporary, 0o666 & ~UMASK)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current

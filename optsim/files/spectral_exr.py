@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 MAGIC = b"\x76\x2f\x31\x01"
 UNITS = "W.m^-2.sr^-1.nm^-1"
+READ_UNITS = (UNITS, "W.m^-2.sr^-1", None)
+"""The authors' tools and others write the radiance per nanometre of ``S0.<lambda>nm`` channels without the ``nm^-1``."""
 _CHANNEL = re.compile(r"^(S0|stderr)\.(\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)nm$")
 _OTHER_SPECTRAL = re.compile(r"^(S[1-3]|T)\.\d")
 
@@ -109,8 +111,8 @@ def _sorted_channels(path: Path, header: dict[str, Any]) -> dict[str, list[tuple
     if any(_OTHER_SPECTRAL.match(name) for name in names):
         raise InputError("channels", [n for n in names if _OTHER_SPECTRAL.match(n)][:3], "unpolarised and emissive (S0 only)")
     units = header.get("emissiveUnits")
-    if units not in (UNITS, None):
-        raise InputError("emissiveUnits", units, repr(UNITS))
+    if units not in READ_UNITS:
+        raise InputError("emissiveUnits", units, f"{UNITS!r}, the same without nm^-1, or absent")
     found: dict[str, list[tuple[float, str]]] = {"S0": [], "stderr": []}
     for name in names:
         if match := _CHANNEL.match(name):

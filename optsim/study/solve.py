@@ -18,9 +18,10 @@ from optsim.study.world import world_key
 if TYPE_CHECKING:
     import xarray as xr
 
-    from recon import Kronecker
+    from recon import Admm, Gpsr, Kronecker
     from recon.metrics import Scores
     from recon.solution import Solution
+    from recon.tuning import AutoTau
 
 SOLVER_VERSION = 1
 """Raise when a change of recon changes estimates: old entries are then computed anew."""
@@ -41,9 +42,30 @@ def solve_key(config: StudyConfig, task: SolveTask) -> str:
             "world": world_key(config, task.shooting.target),
             "task": task.name,
             "wavelet": config.wavelet,
-            "tau_fractions": list(config.tau_fractions) if task.needs_tau else None,
+            "solver": _settings(config, task),
         }
     )
+
+
+def _settings(config: StudyConfig, task: SolveTask) -> dict[str, Any]:
+    from recon import BasisPursuit
+
+    if not task.needs_tau:
+        return BasisPursuit().model_dump(mode="json")
+    return {"rule": _rule(config).model_dump(mode="json"), "refine": _refine(task).model_dump(mode="json")}
+
+
+def _rule(config: StudyConfig) -> AutoTau:
+    from recon.tuning import AutoTau, TauPath
+
+    return AutoTau(path=TauPath(fractions=config.tau_fractions), seed=config.seed)
+
+
+def _refine(task: SolveTask) -> Admm | Gpsr:
+    """Return the solver of the path on all data, which starts next to the answers of the held-out path."""
+    from recon import Admm, Gpsr
+
+    return Admm(tau=0) if task.solver == ADMM else Gpsr(tau=0, max_iterations=GPSR_ITERATIONS, tolerance=1e-4)
 
 
 def run_solve(config: StudyConfig, task: SolveTask, store: Store, tick: Tick) -> dict[str, Any]:
@@ -86,23 +108,28 @@ def _basis_pursuit(config: StudyConfig, task: SolveTask, frames: xr.Dataset, tru
 
 def _tuned(config: StudyConfig, task: SolveTask, frames: xr.Dataset, truth: np.ndarray, tick: Tick) -> Solved:
     from optsim.camera import band_model_of, signal_of
-    from recon import Admm, Gpsr
     from recon.metrics import psnr, score
-    from recon.tuning import AutoTau, TauPath, tune
+    from recon.tuning import tune
 
-    began = time.perf_counter()
-    rule = AutoTau(path=TauPath(fractions=config.tau_fractions), seed=config.seed)
+    began, marks = time.perf_counter(), []
+
+    def on_point(*_: object) -> None:
+        marks.append(time.perf_counter() - began)
+
     report = tune(
         band_model_of(frames).operator(np.float32),
         signal_of(frames),
-        auto=rule,
-        refine=Admm(tau=0) if task.solver == ADMM else Gpsr(tau=0, max_iterations=GPSR_ITERATIONS, tolerance=1e-4),
+        auto=_rule(config),
+        refine=_refine(task),
         score=lambda cube: psnr(cube, truth),
         basis=_basis(config, truth),
         threads=1,
-        on_point=tick,
+        on_point=on_point,
+        on_iteration=tick,
     )
-    seconds = {AUTO: time.perf_counter() - began, ORACLE: sum(s.seconds for s in report.solutions)}
+    # The automatic answer costs the held-out path and the path on all data down to its tau; the oracle's the whole path on all data.
+    spent = [solution.seconds for solution in report.solutions]
+    seconds = {AUTO: marks[len(spent) - 1] + sum(spent[: report.automatic + 1]), ORACLE: sum(spent)}
     assert report.oracle is not None
     places = {AUTO: report.automatic, ORACLE: report.oracle}
     capture = task.shooting.capture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import os
 import platform
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -14,8 +13,8 @@ from optsim import __version__
 from optsim.cube import bands_of
 from optsim.study.config import StudyConfig
 from optsim.study.plan import SolveTask, shootings
-from optsim.study.pool import cores
 from optsim.study.store import Store
+from recon.threads import cores
 
 if TYPE_CHECKING:
     from optsim.report.data import Capture, Frames, Response, RunData, Solve
@@ -25,11 +24,13 @@ LIBRARIES = ("mitsuba", "drjit", "numpy", "scipy", "numba", "PyWavelets", "xarra
 
 def machine(variant: str | None) -> dict[str, Any]:
     """Describe where the run took place."""
+    from optsim.render.backend import memory_gib
+
     return {
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "cores": cores(),
-        "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1) if hasattr(os, "sysconf") else None,
+        "memory_gib": memory_gib(),
         "variant": variant,
         "versions": {name: importlib.metadata.version(name) for name in LIBRARIES},
     }
@@ -59,7 +60,7 @@ def make_run_data(
         truths[target] = Truth(cube["radiance"].values, bands_of(cube), cube["stderr"].values if "stderr" in cube else None)
     found = _Files(config, store, solved)
     seconds = {f"{stage} {target}": float(s) for target, world in worlds.items() for stage, s in world["seconds"].items()}
-    seconds |= {"reconstruct (sum over solves)": sum(float(row["seconds"]) for row in summary["rows"] if row["tau_rule"] != "oracle")}
+    seconds |= {"reconstruct (thread-seconds)": sum(float(row["seconds"]) for row in summary["rows"] if row["tau_rule"] != "oracle")}
     return RunData(
         summary=summary,
         truths=truths,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optsim import __version__
@@ -29,6 +30,10 @@ Say = Callable[[float | None, str], None]
 
 def world_key(config: StudyConfig, target: str) -> str:
     """Return the key of a target's cubes and frames: everything they depend on."""
+    from optsim.camera import CameraConfig, sensors
+    from scenes import scene_by_name
+    from scenes.files import scene_to_data
+
     names = ("seed", "size", "groups", "gpsr_groups", "physical_groups", "render_error", "subdivide", "oversample")
     return digest(
         {
@@ -36,6 +41,9 @@ def world_key(config: StudyConfig, target: str) -> str:
             "version": __version__,
             "physics": PHYSICS_VERSION,
             "target": target,
+            "scene": scene_to_data(scene_by_name(target).build()),
+            "camera": CameraConfig().to_toml(),
+            "sensors": {sensor.name: sensor.band_mean(Bands.paper()).tolist() for sensor in sensors()},
             **{name: config.model_dump(mode="json")[name] for name in names},
         }
     )
@@ -84,7 +92,10 @@ def make_world(config: StudyConfig, target: str, store: Store, say: Say) -> dict
         "variant": str(fine.attrs["variant"]),
     }
     store.keep(name, key, result, datasets)
-    _checkpoint(store, target).unlink(missing_ok=True)
+    checkpoint = _checkpoint(store, target)
+    checkpoint.unlink(missing_ok=True)
+    if not any(checkpoint.parent.iterdir()):
+        checkpoint.parent.rmdir()
     return result
 
 
@@ -119,5 +130,5 @@ def _render(config: StudyConfig, scene: Scene, store: Store, say: Say) -> xr.Dat
     return render(scene, fine_bands, (config.size, config.size), settings, progress, checkpoint)
 
 
-def _checkpoint(store: Store, target: str) -> Any:
+def _checkpoint(store: Store, target: str) -> Path:
     return store.root / "checkpoints" / f"{target}.npz"

@@ -122,10 +122,21 @@ def test_a_failed_write_leaves_the_old_file_and_no_rubbish(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_units_that_are_not_per_nanometre_are_refused(cube, tmp_path):
+def test_the_units_that_other_writers_give_are_read(tmp_path):
     import OpenEXR
 
-    with OpenEXR.File({"type": OpenEXR.scanlineimage, "emissiveUnits": "W.m^-2.sr^-1"}, {"S0.500nm": np.ones((2, 2), np.float32)}) as file:
+    channels = {f"S0.{nm},000000nm": np.full((2, 2), nm, np.float32) for nm in (500, 510)}
+    with OpenEXR.File({"type": OpenEXR.scanlineimage, "emissiveUnits": "W.m^-2.sr^-1"}, channels) as file:
+        file.write(str(tmp_path / "o.exr"))
+    np.testing.assert_array_equal(read(tmp_path / "o.exr")["radiance"].values[1, 1], [500, 510])
+
+
+def test_units_of_frequency_are_refused(tmp_path):
+    import OpenEXR
+
+    with OpenEXR.File(
+        {"type": OpenEXR.scanlineimage, "emissiveUnits": "W.m^-2.sr^-1.Hz^-1"}, {"S0.500nm": np.ones((2, 2), np.float32)}
+    ) as file:
         file.write(str(tmp_path / "w.exr"))
     with pytest.raises(InputError, match="emissiveUnits"):
         read(tmp_path / "w.exr")

@@ -81,6 +81,25 @@ def test_matched_frames_with_noise_come_back_in_the_cubes_units(cube, tmp_path):
     assert np.mean(found) == pytest.approx(np.mean(truth), rel=0.1)
 
 
+def test_a_fine_cube_is_averaged_before_a_matched_measurement(fine, tmp_path):
+    from optsim.files import read
+
+    assert optsim("measure", fine, "--sensor", "foveon", "--shots", 1, "-o", tmp_path / "f.nc") == 0
+    assert read(tmp_path / "f.nc")["frames"].shape == (1, 3, 24, 24 + 23)
+
+
+def test_noisy_frames_are_not_fitted_exactly_unless_told_to(fine, tmp_path, capsys):
+    assert optsim("measure", fine, "--sensor", "mono", "--shots", 3, "--physical", "--noise", "--bits", 8, "-o", tmp_path / "f.nc") == 0
+    scores = []
+    for solver in ((), ("--solver", "basis-pursuit")):
+        assert optsim("reconstruct", tmp_path / "f.nc", *solver, "-o", tmp_path / "e.nc") == 0
+        capsys.readouterr()
+        assert optsim("score", tmp_path / "e.nc", fine, "--json") == 0
+        scores.append(json.loads(capsys.readouterr().out)["psnr_db"])
+    assert scores[0] > 12
+    assert scores[0] > scores[1] + 3
+
+
 def test_physical_refuses_a_coarse_cube_and_interpolates_when_told(cube, tmp_path, capsys):
     words = ("measure", cube, "--sensor", "foveon", "--shots", 1, "--physical", "-o", tmp_path / "f.nc")
     assert optsim(*words) == 2

@@ -1,6 +1,9 @@
 """A whole study: what it leaves, that it repeats, resumes, and stops cleanly."""
 
 import json
+import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -22,7 +25,8 @@ def finished(tmp_path_factory):
 
 
 def estimates(folder):
-    return {path.name: path.read_bytes() for path in sorted((folder / "estimates").glob("*.nc"))}
+    """Return the bytes of all cubes, frames and estimates."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted([*folder.rglob("*.nc"), *folder.rglob("*.exr")])}
 
 
 def test_the_default_study_has_every_case_that_it_promises():
@@ -61,6 +65,7 @@ def test_N10_one_worker_and_two_give_the_same_bytes_and_so_does_a_resumed_run(fi
     for path in sorted((tmp_path / "b" / "estimates").glob("*.json"))[::2]:
         path.unlink()
     next((tmp_path / "b" / "estimates").glob("*.nc")).write_bytes(b"damaged")
+    (tmp_path / "b" / "cubes" / "color-checker.json").unlink()
     run_study(one, tmp_path / "b", quiet=True)
     assert estimates(tmp_path / "b") == estimates(folder)
 
@@ -73,6 +78,38 @@ def test_an_entry_whose_inputs_changed_is_computed_anew(finished, tmp_path):
     assert all(theirs[name] != estimates(folder)[name] for name in theirs)
 
 
+def test_I13_the_same_task_twice_is_refused_and_one_is_enough():
+    with pytest.raises(ValueError, match="twice"):
+        StudyConfig(targets=("color-checker", "color-checker"))
+    with pytest.raises(ValueError, match="groups"):
+        StudyConfig(groups=())
+    assert len(solves(StudyConfig(targets=("color-checker",), groups=(1,), gpsr_groups=(), physical_groups=()))) == 4
+
+
+def test_I14_two_runs_on_one_folder_leave_what_one_leaves(finished, tmp_path):
+    folder, _ = finished
+    code = "from optsim.study.config import StudyConfig\nfrom optsim.study.run import run_study\nfrom pathlib import Path\n"
+    code += f"run_study(StudyConfig.model_validate_json({TINY.model_dump_json()!r}), Path({str(tmp_path / 'd')!r}), quiet=True)"
+    runs = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]
+    assert [run.wait() for run in runs] == [0, 0]
+    assert estimates(tmp_path / "d") == estimates(folder)
+
+
+def test_ctrl_c_says_what_stays_and_the_same_command_gives_the_same_bytes(finished, tmp_path):
+    folder, _ = finished
+    (tmp_path / "s.toml").write_text("".join(f"{k} = {json.dumps(v)}\n" for k, v in TINY.model_dump(mode="json").items() if v is not None))
+    words = [sys.executable, "-m", "optsim", "run", "--config", str(tmp_path / "s.toml"), "--out", str(tmp_path / "e")]
+    run = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+    while not list((tmp_path / "e" / "estimates").glob("*.json")) and run.poll() is None:
+        time.sleep(0.05)
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "the same command goes on from there" in said
+    assert subprocess.run(words, capture_output=True).returncode == 0
+    assert estimates(tmp_path / "e") == estimates(folder)
+
+
 class Piece:
     def __init__(self, name):
         self.name, self.cost = name, 1.0
@@ -82,15 +119,11 @@ def test_ctrl_c_stops_running_tasks_and_leaves_the_rest_undone():
     done = []
 
     def work(task, tick):
-        if task.name == "interrupt":
-            raise_in_main.append(True)
         for _ in range(200):
             tick()
             time.sleep(0.01)
         done.append(task.name)
         return "done"
-
-    raise_in_main: list[bool] = []
 
     class Interrupting(Progress):
         def advance(self, cost, text):
@@ -123,8 +156,30 @@ def test_a_damaged_or_foreign_record_does_not_count_as_finished(tmp_path):
     store.keep("x", digest(1), {"a": 1}, {"x.nc": xr.Dataset({"v": ("i", np.arange(3.0))})})
     assert store.finished("x", digest(1)) == {"a": 1}
     assert store.finished("x", digest(2)) is None
-    (tmp_path / "x.nc").write_bytes((tmp_path / "x.nc").read_bytes()[:-1])
+    whole = (tmp_path / "x.nc").read_bytes()
+    (tmp_path / "x.nc").write_bytes(whole[:-1])
     assert store.finished("x", digest(1)) is None
+
+
+def test_I3_one_flipped_bit_anywhere_makes_an_entry_unfinished(tmp_path):
+    import xarray as xr
+
+    store = Store(tmp_path)
+    store.keep("x", digest(1), {}, {"x.nc": xr.Dataset({"v": ("i", np.arange(50.0))})})
+    whole = (tmp_path / "x.nc").read_bytes()
+    for place in np.random.default_rng(0).integers(0, 8 * len(whole), 200):
+        flipped = bytearray(whole)
+        flipped[place // 8] ^= 1 << (place % 8)
+        (tmp_path / "x.nc").write_bytes(flipped)
+        assert store.finished("x", digest(1)) is None
+    (tmp_path / "x.nc").write_bytes(whole)
+    assert store.finished("x", digest(1)) == {}
+
+
+def test_I11_a_folder_that_cannot_be_made_is_refused_by_name(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match="--out"):
+        Store(tmp_path / "file" / "run")
 
 
 def test_I12_unknown_keys_of_a_study_file_are_refused_with_the_right_one(tmp_path):

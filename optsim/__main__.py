@@ -1,0 +1,5 @@
+"""``python -m optsim`` is ``optsim``."""
+
+from optsim.cli import main
+
+main()
