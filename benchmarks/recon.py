@@ -21,7 +21,8 @@ from recon.fista import Descent
 from recon.problem import prepare
 from recon.splitting import shrink
 
-WAVELET, LEVEL = "db4", 5
+WAVELET, LEVEL = "db2", 5
+GOAL = 6.0  # times faster than pylops, a whole iteration, all cores
 
 
 def best_ms(repeats: int, tasks: dict[str, Callable[[], Any]], clock: Callable[[], float] = time.perf_counter) -> dict[str, float]:
@@ -169,11 +170,12 @@ def main() -> None:
     copy = timed["memory copy"]
     result = {"size": options.size, "bands": options.bands, "shots": options.shots, "threads": used, "l1": race}
     result["copies"] = {name: value / copy for name, value in timed.items()}
+    race |= {"goal": GOAL, "met": bool(race["times_faster"] >= GOAL)}
     if options.json:
         print(json.dumps(result))
         return
     print(f"{options.size} x {options.size} x {options.bands}, float32, {used} threads, {WAVELET} level {LEVEL}, mono x{options.shots}")
-    print(f"FISTA iteration: pylops / ours = {race['times_faster']:.1f}   (objective after {options.iterations}: "
+    print(f"FISTA iteration: pylops / ours = {race['times_faster']:.1f}   (goal {GOAL:g}{'' if race['met'] else ': NOT MET'}; objective after {options.iterations}: "
           f"{race['objective']:.6g}, pylops {race['pylops_objective']:.6g})")  # fmt: skip
     print(f"the same in CPU time, one thread each: {race['cpu_times_faster']:.1f}")
     print(f"basis-pursuit iteration / our FISTA iteration = {race['basis_pursuit_ms'] / race['fista_ms']:.2f}")
