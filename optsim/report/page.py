@@ -11,12 +11,13 @@ from pathlib import Path
 from optsim.report.chart import psnr_chart
 from optsim.report.claims import RULE, make_claims
 from optsim.report.data import Row, RunData
+from optsim.report.finding import EARLY, Finding
 from optsim.report.gallery import Gallery
 from optsim.report.html import Child, Markup, section, table, tag
 from optsim.report.page_origin import missing, modelled, provenance
 from optsim.report.select import db, main_recipe, ratio_text
 from optsim.report.style import Drawn
-from optsim.report.verdict import EARLY, Finding, make_verdict
+from optsim.report.verdict import make_verdict
 from optsim.report.wording import recipe_text
 
 SECTIONS = (
@@ -86,6 +87,7 @@ def lead(run: RunData) -> Markup:
             tag("h1", verdict.title),
             tag("ul", cards, class_="readings") if cards else None,
             tag("p", verdict.basis, class_="basis"),
+            tag("p", verdict.tau, class_="basis") if verdict.tau else None,
             tag("ul", [tag("li", note) for note in run.notes], class_="notes") if run.notes else None,
             psnr_chart(run, main_recipe(run)),
             links,
@@ -105,8 +107,13 @@ def finding(f: Finding) -> list[Child]:
     """Write one finding."""
     early = any(cell.endswith(EARLY) for row in f.rows for cell in row)
     caption = f"{EARLY} a solve behind this number stopped before its tolerance" if early else None
-    columns = 2 if f.header[:1] == ("R",) else 1
-    return [tag("h3", f.label), tag("p", f.text), table(f.header, f.rows, numeric_from=columns, caption=caption) if f.rows else None]
+    columns = 2 if f.header[:1] == ("R",) or f.header[1:2] == ("score",) else 1
+    return [
+        tag("h3", f.label),
+        tag("p", f.text) if f.text else None,
+        tag("ul", [tag("li", point) for point in f.points], class_="points") if f.points else None,
+        table(f.header, f.rows, numeric_from=columns, caption=caption) if f.rows else None,
+    ]
 
 
 def claims(gallery: Gallery) -> list[Child]:

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from optsim.report.data import RunData
 from optsim.report.html import Child, Markup, table, tag
 
+CALL = "wall time of this call"
+THREADS = "(thread-seconds)"
+SUMMED_OVER_SOLVES = ("reconstruct (sum over solves)",)
+THREADS_NOTE = "Solves run side by side: these seconds overlap, and are not to be added to wall seconds."
 NUMBER = re.compile(r"\d+(\.\d*)?(e[+-]?\d+)?")
 
 
@@ -31,18 +36,32 @@ def modelled(run: RunData) -> list[Child]:
         ]
     if not run.explain:
         parts.append(missing("The scenes’ effects were not recorded."))
-    parts.append(tag("h3", "Light that never reaches a pixel"))
-    if run.lost_light:
-        lost = [(name, f"{100 * value:.3g} %") for name, value in run.lost_light.items()]
-        parts.append(table(("where it goes", "of the light at the mirrors"), lost))
-    else:
-        parts.append(missing("Not recorded: only physical data lose light."))
+    parts.append(tag("h3", "Where the light goes"))
+    parts += light(run.lost_light) if run.lost_light else [missing("Not recorded: only physical data lose light.")]
     parts.append(tag("h3", "Why the solvers stopped"))
     if run.rows:
         parts.append(table(("solves", "", "reason (the numbers are of one of them)"), stop_reasons(run), numeric_from=9))
     else:
         parts.append(missing("No solves."))
     return parts
+
+
+def light(shares: Mapping[str, float]) -> list[Child]:
+    """Write the shares of the light at the mirrors: what is lost on the way, and apart from it what is detected."""
+    lost: list[tuple[str, str]] = []
+    detected: list[tuple[str, str]] = []
+    caption = None
+    for name, share in shares.items():
+        if "band-pass" in name and share == 0:
+            lost.append((name, "not rendered"))
+            caption = "The fine cube covers 450-670 nm, so what the filter stops was not rendered."
+        else:
+            (detected if name.startswith("detected") else lost).append((name, f"{100 * share:.3g} %"))
+    head = "of the light at the mirrors"
+    return [
+        table(("lost before a pixel", head), lost, caption=caption) if lost else None,
+        table(("reaches a pixel", head), detected) if detected else None,
+    ]
 
 
 def stop_reasons(run: RunData) -> list[tuple[str, str, str]]:
@@ -84,14 +103,28 @@ def provenance(run: RunData) -> list[Child]:
     """Write how to make this page again, and on what it was made."""
     parts: list[Child] = [tag("h3", "To run this again"), tag("pre", tag("code", run.command))]
     parts += [tag("h3", "Configuration"), pairs(dict(run.summary.get("config") or {}))]
-    parts += [tag("h3", "Machine and versions"), pairs({"optsim": run.summary.get("version"), **dict(run.summary.get("machine") or {})})]
-    parts.append(tag("h3", "Time"))
-    if run.timings:
-        rows = [(name, f"{seconds:.1f} s") for name, seconds in run.timings.items()]
-        parts.append(table(("stage", "wall time"), [*rows, ("sum", f"{sum(run.timings.values()):.1f} s")]))
-    else:
-        parts.append(missing("Not recorded."))
+    machine = dict(run.summary.get("machine") or {})
+    told = machine.get(CALL)
+    if isinstance(told, int | float):
+        del machine[CALL]
+    call = run.timings.get(CALL, told if isinstance(told, int | float) else None)
+    parts += [tag("h3", "Machine and versions"), pairs({"optsim": run.summary.get("version"), **machine})]
+    parts += [tag("h3", "Time"), *times(run.timings, call)]
     return parts
+
+
+def times(timings: Mapping[str, float], call: float | None) -> list[Child]:
+    """Write the wall time of each stage and of the call, and apart from them the time summed over threads."""
+    apart = {name: s for name, s in timings.items() if name.endswith(THREADS) or name in SUMMED_OVER_SOLVES}
+    stages = {name: s for name, s in timings.items() if name not in apart and name != CALL}
+    rows = [(name, f"{s:.1f} s") for name, s in stages.items()]
+    rows += [("sum of these stages", f"{sum(stages.values()):.1f} s")] if len(stages) > 1 else []
+    rows += [(CALL, f"{call:.1f} s")] if call is not None else []
+    parts: list[Child] = [table(("stage", "wall time"), rows)] if rows else []
+    if apart:
+        solves = [(name.removesuffix(THREADS).strip(), f"{s:.1f} thread-seconds") for name, s in apart.items()]
+        parts.append(table(("summed over threads", "not wall time"), solves, caption=THREADS_NOTE))
+    return parts or [missing("Not recorded.")]
 
 
 def missing(text: str) -> Markup:

@@ -6,25 +6,18 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, MONO_REPEATED, R_TOLERANCE, SERIES, RunData, Series
+from optsim.report.finding import Finding, cells
+from optsim.report.finding_scores import other_scores
+from optsim.report.finding_tau import tau_finding, tau_lead
 from optsim.report.select import Recipe, db, listing, main_recipe, pick, ratio_text, ratios, score, scores_at, span_text
-from optsim.report.wording import compare, few, method_text, model_text, ordering, outcome, recipe_text, side, solver_text, swaps
+from optsim.report.wording import compare, few, method_text, model_text, ordering, outcome, recipe_text, side, swaps
 
 EXPECTED = (MONO_REPEATED, BAYER, FOVEON, MONO_DISTINCT)
-"""The ordering, ascending, that a throw-away prototype found by basis pursuit before this program was written."""
+"""The ordering, ascending, that an earlier estimate with painted targets expected of basis pursuit."""
 MAIN_R = 0.125
 """One colour shot against three mono shots: where the headline is read."""
-EARLY = "*"
+OPERATOR_NAMES = {"unit-shift": "unit-shift H", "camera": "the camera’s own shifts"}
 PAIRS = ((BAYER, MONO_DISTINCT), (FOVEON, MONO_DISTINCT), (BAYER, MONO_REPEATED), (FOVEON, MONO_REPEATED), (FOVEON, BAYER))
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Hold one finding: a label, sentences, and a small table (or none)."""
-
-    label: str
-    text: str
-    header: tuple[str, ...] = ()
-    rows: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -36,12 +29,14 @@ class Verdict:
         basis: target, R and recipe that the title speaks of, with the scores in ascending order.
         readings: one sentence a reading of "three monochrome shots".
         findings: what else bears on the title.
+        tau: one sentence on how tau moves the ordering, or nothing when it was not tried.
     """
 
     title: str
     basis: str
     readings: tuple[str, ...]
     findings: tuple[Finding, ...]
+    tau: str = ""
 
 
 def make_verdict(run: RunData) -> Verdict:
@@ -60,11 +55,13 @@ def make_verdict(run: RunData) -> Verdict:
     findings = (
         expectation(run, recipe, target),
         over_ratios(run, recipe, (target, R)),
+        other_scores(run, recipe, R),
         tau_finding(run, recipe, target),
         matched_finding(run, target, R),
         caution(run),
     )
-    return Verdict(title(scores), basis, tuple(sentences), tuple(f for f in findings if f.text or f.rows))
+    kept = tuple(f for f in findings if f.text or f.rows or f.points)
+    return Verdict(title(scores), basis, tuple(sentences), kept, tau_lead(run, recipe, target, R))
 
 
 def title(scores: dict[str, float]) -> str:
@@ -72,11 +69,11 @@ def title(scores: dict[str, float]) -> str:
     clauses = {mono.key: clause for mono in (MONO_DISTINCT, MONO_REPEATED) if (clause := outcome(scores, mono))}
     distinct, repeated = clauses.get(MONO_DISTINCT.key), clauses.get(MONO_REPEATED.key)
     if distinct and repeated:
-        return f"If monochrome’s three shots use three different masks, {distinct}; if they repeat one mask, {repeated}."
+        return f"By PSNR: if monochrome’s three shots use three different masks, {distinct}; if they repeat one mask, {repeated}."
     if distinct:
-        return f"If monochrome’s three shots use three different masks, {distinct}; the repeated mask was not run."
+        return f"By PSNR: if monochrome’s three shots use three different masks, {distinct}; the repeated mask was not run."
     if repeated:
-        return f"If monochrome’s three shots repeat one mask, {repeated}; three different masks were not run."
+        return f"By PSNR: if monochrome’s three shots repeat one mask, {repeated}; three different masks were not run."
     return f"Not all sensors were run: {ordering(scores) or 'no score to compare'}."
 
 
@@ -132,7 +129,7 @@ def over_ratios(run: RunData, recipe: Recipe, main: tuple[str, float]) -> Findin
 def expectation(run: RunData, recipe: Recipe, target: str) -> Finding:
     """Confirm or refute the ordering that was expected before the run."""
     expected = " < ".join(s.short for s in EXPECTED)
-    lead = f"A prototype with painted targets found, by basis pursuit at R = 1/8, {expected}."
+    lead = f"An earlier estimate with painted targets expected, by basis pursuit at R = 1/8, {expected}."
     scores = scores_at(run, recipe, target, MAIN_R)
     missing = [s.short for s in EXPECTED if s.key not in scores]
     if recipe.solver != "basis-pursuit":
@@ -150,98 +147,42 @@ def expectation(run: RunData, recipe: Recipe, target: str) -> Finding:
     return Finding("The ordering expected beforehand", f"{lead} {text}")
 
 
-def tau_finding(run: RunData, main: Recipe, target: str) -> Finding:
-    """Say how the ordering and the scores move with the tau of Eq. 4."""
-    label = "How tau changes it"
-    penalised = [row for row in run.rows if row.tau_rule is not None and row.model == "matched" and row.target == target]
-    if not penalised:
-        return Finding(label, "Eq. 4 with a finite tau was not run.")
-    name = solver_text(main.solver)
-    rows: list[tuple[str, ...]] = []
-    changed: list[str] = []
-    costs: list[tuple[float, str]] = []
-    for R in sorted({row.R for row in penalised}):
-        reference = scores_at(run, main, target, R)
-        if reference:
-            rows.append((ratio_text(R), name, *cells(run, main, target, R)))
-        for solver in dict.fromkeys(row.solver for row in penalised):
-            recipes = {rule: Recipe("matched", "unit-shift", solver, rule) for rule in ("oracle", "auto")}
-            found = {rule: scores_at(run, recipe, target, R) for rule, recipe in recipes.items()}
-            for rule, scores in found.items():
-                if not scores:
-                    continue
-                word = "automatic" if rule == "auto" else rule
-                rows.append((ratio_text(R), f"Eq. 4, {solver_text(solver)}, {word} tau", *cells(run, recipes[rule], target, R)))
-                changed += [f"with the {word} tau at R = {ratio_text(R)} {swap}" for swap in swaps(reference, scores)]
-            both = [s for s in SERIES if s.key in found["oracle"] and s.key in found["auto"]]
-            costs += [(found["oracle"][s.key] - found["auto"][s.key], f"{s.short}, R = {ratio_text(R)}") for s in both]
-    text = f"Against {name}, {few(changed, 6)}." if changed else f"The ordering is that of {name} at every tau and R in this table."
-    if len(rows) < 2 or all(row.count("not run") > len(SERIES) - 2 for row in rows):
-        text = "Too few scores to compare orderings."
-    if costs:
-        cost, where = max(costs)
-        text += f" Choosing tau without the truth costs {f'up to {db(cost)} ({where})' if side(cost) > 0 else 'less than 0.05 dB'}."
-    early = sum(row.converged is False for row in penalised)
-    if early:
-        text += f" {early} of these {len(penalised)} solves reached their limit of iterations first: "
-        text += f"part of their distance to {name} is unfinished work, not tau."
-    edge = sum(row.extra.get("at_edge") is True for row in penalised)
-    if edge:
-        text += f" {edge} of the {len(penalised)} chosen taus lie at the edge of the grid: a tau beyond it may score higher."
-    return Finding(label, text, ("R", "mean PSNR, dB", *(s.short for s in SERIES)), tuple(rows))
-
-
-def cells(run: RunData, recipe: Recipe, target: str, R: float) -> tuple[str, ...]:
-    """Write a score a series, two decimals, with a mark when a solve behind it stopped before its tolerance."""
-    found = []
-    for s in SERIES:
-        value = score(run, recipe, target, s, R)
-        early = any(row.converged is False for row in pick(run, recipe, target, s, R))
-        found.append("not run" if value is None else f"{value:.2f}{EARLY if early else ''}")
-    return tuple(found)
-
-
 def matched_finding(run: RunData, target: str, R: float) -> Finding:
     """Say what data made by the very operator that inverts them hide, for each way of solving that was tried on others."""
     label = "What matched data hide"
     physical = [row for row in run.rows if row.model != "matched" and row.target == target and abs(row.R - R) <= R_TOLERANCE]
     if not physical:
         return Finding(label, f"Physical data were not run at R = {ratio_text(R)} on {target}.")
-    sentences = [
-        "Matched data come from the very H that inverts them; physical data from the traced prism, integrated finely over wavelength."
-    ]
+    text = "Matched data come from the very H that inverts them; physical data from the traced prism, integrated finely over wavelength."
     methods = dict.fromkeys(Recipe("matched", "unit-shift", row.solver, row.tau_rule) for row in physical)
     if any(m.tau_rule is None for m in methods) and any(m.tau_rule for m in methods):
-        sentences.append(
-            "Eq. 4 may leave a residual; basis pursuit fits data exactly, what H does not know of them included, and so amplifies it."
-        )
-    rows = []
-    for matched in sorted(methods, key=lambda m: (None, "oracle", "auto").index(m.tau_rule), reverse=True):
+        text += " Eq. 4 may leave a residual; basis pursuit fits data exactly, what H does not know of them included, and so amplifies it."
+    rows, points = [], []
+    for matched in sorted(methods, key=lambda m: ("auto", "oracle", None).index(m.tau_rule)):
         rows.append((f"{method_text(matched)}: matched data", *cells(run, matched, target, R)))
         for model in dict.fromkeys(row.model for row in physical):
-            for operator, name in (("unit-shift", "unit-shift H"), ("camera", "the camera’s own shifts")):
+            for operator, name in OPERATOR_NAMES.items():
                 recipe = replace(matched, model=model, operator=operator)
                 if pick(run, recipe, target, R=R):
                     rows.append((f"{method_text(matched)}: {model_text(model)}, {name}", *cells(run, recipe, target, R)))
                     if matched.tau_rule != "oracle" or replace(matched, tau_rule="auto") not in methods:
-                        sentences.append(moved(run, matched, recipe, target, R))
+                        points.append(moved(run, matched, recipe, target, R))
     header = (f"{target}, R = {ratio_text(R)}, dB", *(s.short for s in SERIES))
-    return Finding(label, " ".join(filter(None, sentences)), header, tuple(rows))
+    return Finding(label, text, header, tuple(rows), tuple(filter(None, points)))
 
 
 def moved(run: RunData, matched: Recipe, recipe: Recipe, target: str, R: float) -> str:
-    """Say by how much a recipe's scores lie off those of matched data, and whether it changes the ordering."""
+    """Say in one line by how much a recipe's scores lie off those of matched data, and whether it changes the ordering."""
     base, scores = scores_at(run, matched, target, R), scores_at(run, recipe, target, R)
     moves = [scores[key] - base[key] for key in scores if key in base]
     if not moves:
         return ""
     changed = swaps(base, scores)
-    verdict = f" and change the ordering ({few(changed)})" if changed else " and leave the ordering as it is"
-    name = {"unit-shift": "unit-shift H", "camera": "the camera’s own shifts"}[recipe.operator]
-    text = f"By {method_text(recipe)}, {model_text(recipe.model)} with {name} score {span_text(moves)} relative to matched data"
-    text += verdict if len(moves) > 1 else " (one sensor only)"
+    verdict = f"the order changes ({few(changed, 1)})" if changed else "the order stays" if len(moves) > 1 else "one sensor only"
     early = sum(row.converged is False for row in pick(run, recipe, target, R=R))
-    return text + (f"; {early} of these solves stopped before their tolerance." if early else ".")
+    unfinished = f"; {early} of these solves stopped before their tolerance" if early else ""
+    case = f"{method_text(recipe)}, {model_text(recipe.model)}, {OPERATOR_NAMES[recipe.operator]}"
+    return f"{case}: {span_text(moves)} against matched data; {verdict}{unfinished}."
 
 
 def caution(run: RunData) -> Finding:

@@ -63,10 +63,10 @@ def swaps(reference: Mapping[str, float], other: Mapping[str, float]) -> list[st
     return found
 
 
-def few(changes: Sequence[str], most: int = 3) -> str:
+def few(changes: Sequence[str], most: int = 3, noun: str = "pair") -> str:
     """Join changes, the first ones in full and the rest by number."""
     rest = len(changes) - most
-    return "; ".join([*changes[:most], *([f"and {rest} more pair{'s' if rest > 1 else ''}"] if rest > 0 else [])])
+    return "; ".join([*changes[:most], *([f"and {rest} more {noun}{'s' if rest > 1 else ''}"] if rest > 0 else [])])
 
 
 def recipe_text(recipe: Recipe) -> str:

@@ -204,3 +204,40 @@ def test_reasons_that_differ_in_numbers_alone_are_counted_together(make):
     run = make(size=8, targets=("color-checker",), ratios=(0.125,), gpsr=False, physical=False)
     rows = [dict(row, stop=f"residual {i}.5e-0{i} is below 1e-4") for i, row in enumerate(run.summary["rows"])]
     assert stop_reasons(RunData({"rows": rows}, {})) == [("4", "converged", "residual 0.5e-00 is below 1e-4")]
+
+
+@pytest.mark.parametrize("key", ["reconstruct (sum over solves)", "reconstruct (thread-seconds)"])
+def test_seconds_summed_over_threads_are_never_added_to_wall_seconds(key):
+    run = RunData(
+        {"rows": [], "machine": {"cores": 2, "wall time of this call": 50.0}}, {}, timings={"render": 3.0, "measure": 0.5, key: 90.0}
+    )
+    page = Reader(render_page(run, ()))
+    tables = [[[cell for cell, _ in line] for line in t] for t in page.tables.values()]
+    wall = next(t for t in tables if t[0][0] == "stage")
+    assert wall[1:] == [["render", "3.0 s"], ["measure", "0.5 s"], ["sum of these stages", "3.5 s"], ["wall time of this call", "50.0 s"]]
+    apart = next(t for t in tables if t[0][0] == "summed over threads")
+    assert apart[1:] == [[key.removesuffix(" (thread-seconds)"), "90.0 thread-seconds"]]
+
+
+def test_the_wall_time_of_the_call_may_stand_among_the_timings():
+    page = Reader(render_page(RunData({"rows": []}, {}, timings={"render": 3.0, "measure": 1.0, "wall time of this call": 9.0}), ()))
+    assert "4.0 s" in page.text
+    assert "9.0 s" in page.text
+    assert "13.0 s" not in page.text
+
+
+def test_light_that_is_detected_is_not_called_lost_and_what_was_not_rendered_is_said():
+    shares = {
+        "falls beside the sensor": 0.01,
+        "stopped by the 450-670 nm band-pass filter": 0.0,
+        "detected, but outside the 24 bands": 0.03,
+    }
+    page = Reader(render_page(RunData({"rows": []}, {}, lost_light=shares), ()))
+    tables = {t[0][0][0]: [[cell for cell, _ in line] for line in t[1:]] for t in page.tables.values() if t}
+    assert tables["lost before a pixel"] == [
+        ["falls beside the sensor", "1 %"],
+        ["stopped by the 450-670 nm band-pass filter", "not rendered"],
+    ]
+    assert tables["reaches a pixel"] == [["detected, but outside the 24 bands", "3 %"]]
+    assert "The fine cube covers 450-670 nm, so what the filter stops was not rendered." in page.text
+    assert "Where the light goes" in page.text

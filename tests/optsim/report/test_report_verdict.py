@@ -6,6 +6,7 @@ import re
 import pytest
 
 from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, MONO_REPEATED, RunData
+from optsim.report.page import render_page
 from optsim.report.select import db, ratio_text
 from optsim.report.verdict import EXPECTED, make_verdict
 from optsim.report.wording import compare, ordering, outcome
@@ -96,7 +97,9 @@ def test_tau_that_changes_the_ordering_is_reported_with_both_gaps(make):
     for row in rows:
         if row["solver"] == "gpsr" and row["sensor"] == "foveon" and row["tau_rule"] == "auto":
             row["psnr_db"] = 10.0
-    text = next(f.text for f in make_verdict(RunData({"rows": rows}, run.truths)).findings if f.label == "How tau changes it")
+    finding = next(f for f in make_verdict(RunData({"rows": rows}, run.truths)).findings if f.label == "How tau changes it")
+    text = " ".join(finding.points)
+    assert "No path over tau" in text
     assert "Bayer − Foveon is +13.3 dB instead of −3.2 dB" in text
     assert "(Foveon, R = 1/8)" in text
 
@@ -129,7 +132,7 @@ def test_scores_of_unfinished_solves_are_marked_and_counted(make):
     verdict = make_verdict(RunData({"rows": rows}, run.truths))
     matched = next(f for f in verdict.findings if f.label == "What matched data hide")
     assert [sum(cell.endswith("*") for cell in row) for row in matched.rows] == [0, 0, 4]
-    assert "4 of these solves stopped before their tolerance" in matched.text
+    assert [point.count("4 of these solves stopped before their tolerance") for point in matched.points] == [0, 1]
     assert "stopped before" not in verdict.basis
     early = [dict(row, converged=False) for row in rows]
     assert "4 of these solves stopped before their tolerance" in make_verdict(RunData({"rows": early}, run.truths)).basis
@@ -145,7 +148,28 @@ def test_physical_data_are_compared_with_matched_data_solved_the_same_way(make):
             )
     finding = next(f for f in make_verdict(RunData({"rows": rows}, run.truths)).findings if f.label == "What matched data hide")
     assert len(finding.rows) == 9
-    assert "By basis pursuit, physical data with unit-shift H score −0.80 to −0.20 dB relative to" in finding.text
-    assert "oracle" not in finding.text
-    assert "By Eq. 4, ADMM, automatic tau, physical data with the camera’s own shifts score −1.1 dB relative to" in finding.text
+    assert len(finding.points) == 4
+    assert finding.points[0].startswith("Eq. 4, ADMM, automatic tau, physical data, unit-shift H: ")
+    assert (
+        "Eq. 4, ADMM, automatic tau, physical data, the camera’s own shifts: −1.1 dB against matched data; the order" in finding.points[1]
+    )
+    assert "basis pursuit, physical data, unit-shift H: −0.80 to −0.20 dB against matched data" in finding.points[2]
+    assert "oracle" not in " ".join(finding.points)
     assert "Eq. 4 may leave a residual" in finding.text
+
+
+def test_the_title_says_by_which_score_it_ranks_and_what_was_expected_is_called_an_estimate():
+    verdict = make_verdict(run_with({"mono-distinct": 27.30, "mono-repeated": 20.80, "bayer": 23.70, "foveon": 26.90}))
+    assert verdict.title.startswith("By PSNR: if monochrome’s three shots use three different masks, mono beats")
+    assert verdict.findings[0].text.startswith("An earlier estimate with painted targets expected")
+
+
+@pytest.mark.parametrize(("seeds", "said"), [((0,), "One mask seed: no interval can be given"), ((0, 1), "means over 2 mask seeds")])
+def test_M12_one_seed_shows_no_interval(seeds, said):
+    rows = [dict(row, seed=seed) for seed in seeds for row in run_with(dict.fromkeys(KEYS, 24.0)).summary["rows"]]
+    run = RunData({"rows": rows}, {})
+    assert said in make_verdict(run).findings[-1].text
+    page = render_page(run, ())
+    if len(seeds) == 1:
+        assert not re.search(r"\d ± \d|confidence|standard deviation|error bar", page)
+        assert "no interval can be given" in page
