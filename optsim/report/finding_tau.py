@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 from optsim.report.data import R_TOLERANCE, SERIES, Row, RunData, Series
@@ -116,7 +117,7 @@ def path_points(run: RunData, main: Recipe) -> list[str]:
     """Write the flips of every target and R, one line each, and what was tried."""
     places = path_places(run, main)
     if not places:
-        return ["No path over tau with two sensors was run: the orderings below are those at the chosen taus alone."]
+        return ["No path over tau with two sensors was run: the orderings in the table are those at the chosen taus alone."]
     name = solver_text(main.solver)
     found = {place: list(flips(run, main, *place)) for place in places}
     points = [f"{target}, R = {ratio_text(R)}: {'; '.join(clauses)}." for (target, R), clauses in found.items() if clauses]
@@ -175,6 +176,11 @@ def cost_points(run: RunData, recipes: Sequence[Mapping[str, Recipe]], target: s
     return points
 
 
+def shares_tau(row: Row, rows: Sequence[Row]) -> bool:
+    """Tell whether the other rule chose the same tau for the same solve."""
+    return any(replace(other.solve, tau_rule=row.tau_rule) == row.solve and other.tau == row.tau for other in rows if other is not row)
+
+
 def tau_finding(run: RunData, main: Recipe, target: str) -> Finding:
     """Say how the ordering and the scores move with the tau of Eq. 4."""
     penalised = [row for row in run.rows if row.tau_rule is not None and row.model == "matched" and row.target == target]
@@ -204,7 +210,7 @@ def tau_finding(run: RunData, main: Recipe, target: str) -> Finding:
     if changed:
         points.append(f"At the chosen taus of {target}, against {name}: {few(changed, 4)}.")
     elif compared:
-        points.append(f"At the taus chosen for {target} (the table’s rows) no pair flips; other taus are spoken of above alone.")
+        points.append(f"At the taus chosen for {target} (the rows of the table) no pair flips; for other taus see above.")
     else:
         points.append("Too few scores at chosen taus to compare orderings.")
     points += cost_points(run, recipes, target, Rs)
@@ -214,7 +220,10 @@ def tau_finding(run: RunData, main: Recipe, target: str) -> Finding:
             f"{early} of these {len(penalised)} solves reached their limit of iterations first: "
             f"part of their distance to {name} is unfinished work, not tau."
         )
-    edge = sum(row.extra.get("at_edge") is True for row in penalised)
-    if edge:
-        points.append(f"{edge} of the {len(penalised)} chosen taus lie at an end of the grid: a tau beyond it may score higher.")
+    alone = [row for row in penalised if row.extra.get("at_edge") is True and not shares_tau(row, penalised)]
+    if alone:
+        points.append(
+            f"{len(alone)} of the {len(penalised)} chosen taus lie at an end of the grid that one rule alone chose: "
+            "a tau beyond it may score higher."
+        )
     return Finding(LABEL, "", ("R", f"{target}: mean PSNR, dB", *(s.short for s in SERIES)), tuple(rows), tuple(points))

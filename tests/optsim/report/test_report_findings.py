@@ -97,6 +97,14 @@ def test_the_cost_of_choosing_tau_is_told_only_where_there_is_a_choice(auto, ora
     assert unsaid not in text
 
 
+def test_taus_at_an_end_of_the_grid_that_only_one_rule_chose_are_counted():
+    path = [point("foveon", f, 25.0) for f in (3e-4, 1e-4, 1e-5)]
+    alone = [dict(r, at_edge=r["tau_rule"] == "oracle") for r in chosen(1e-4, 1e-5)]
+    assert "1 of the 2 chosen taus lie at an end of the grid that one rule alone chose" in " ".join(points_of(tau_run(path, alone)))
+    both = [dict(r, at_edge=True) for r in chosen(1e-5, 1e-5)]
+    assert "one rule alone" not in " ".join(points_of(tau_run(path, both)))
+
+
 @pytest.mark.parametrize(("value", "text"), [(3e-4, "3e-4"), (1e-5, "1e-5"), (2.5e-3, "2.5e-3"), (1.0, "1e0")])
 def test_fractions_of_tau_max_are_written_short(value, text):
     assert fraction_text(value) == text
