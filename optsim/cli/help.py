@@ -27,6 +27,8 @@ W m^-2 sr^-1 nm^-1, mean over each band, with the Monte Carlo standard error bes
 
 Example: `optsim render color-checker --size 256 --error 0.01 -o cube.nc`
 
+A scene of your own is a TOML file (docs/files.md has a complete one): `optsim render still-life.toml -o cube.nc`
+
 For `measure --physical`: `optsim render color-checker --subdivide 10 --oversample 2 -o fine.nc`
 """,
     "measure": """Photograph a cube through mask, prism and sensor.
@@ -36,6 +38,8 @@ Masks, shifts and responses travel in the frames file, so that it can be reconst
 Example: `optsim measure cube.nc --sensor foveon --shots 1 -o frames.nc`
 
 Example: `optsim measure fine.nc --sensor mono --shots 3 --physical --noise -o frames.nc`
+
+Another prism, lens or pixel is a camera file in TOML (docs/files.md): `--physical --camera camera.toml`
 """,
     "reconstruct": """Recover the cube from frames, in the cube's own units.
 

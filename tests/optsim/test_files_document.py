@@ -1,0 +1,58 @@
+"""docs/files.md does what it says: every example in it is read, and the formula of H is run as printed."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optsim.camera import CameraConfig, Distinct, glass_names, masks_for, measure_matched, sensors
+from optsim.cube import PAPER_CENTERS_NM, Bands, make_cube
+from optsim.files import write
+from scenes.files import FORMAT, LIGHT_KINDS, MATERIAL_KINDS, SHAPE_KINDS, VIEWPOINT_KINDS, read_scene
+
+TEXT = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+
+
+def blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
+
+
+DEFAULT_CAMERA, TABLE_CAMERA, SCENE = blocks("toml")
+(PROGRAM,) = blocks("python")
+(CSV,) = blocks("csv")
+
+
+@pytest.mark.parametrize("sensor", sensors(), ids=lambda s: s.name)
+def test_the_printed_formula_of_h_gives_the_matched_frames(tmp_path, monkeypatch, capsys, sensor):
+    values = np.random.Generator(np.random.Philox(5)).uniform(0, 2, (6, 7, 24))
+    cube = make_cube(values, Bands.paper())
+    masks = masks_for(sensor, 3, Distinct(), (6, 7), 1)
+    write(cube, tmp_path / "cube.nc")
+    write(measure_matched(cube, sensor, masks), tmp_path / "frames.nc")
+    monkeypatch.chdir(tmp_path)
+    exec(PROGRAM, {})
+    assert float(capsys.readouterr().out) < 1e-12
+
+
+def test_the_printed_cameras_are_the_default_and_the_papers_table():
+    assert CameraConfig.parse_toml(DEFAULT_CAMERA) == CameraConfig() == CameraConfig.parse_toml("")
+    assert tomllib.loads(DEFAULT_CAMERA) == tomllib.loads(CameraConfig().to_toml())
+    table = CameraConfig.parse_toml(TABLE_CAMERA)
+    assert table == CameraConfig.parse_toml("[table]\n[sensor]\nfull_well_e = 40000")
+    np.testing.assert_allclose(table.dispersion.position_px(np.array(PAPER_CENTERS_NM, float))[0], np.arange(24), atol=1e-12)
+
+
+def test_the_document_names_every_glass_and_every_kind():
+    for name in (*glass_names(), *MATERIAL_KINDS, *SHAPE_KINDS, *LIGHT_KINDS, *VIEWPOINT_KINDS):
+        assert f"`{name}`" in TEXT
+
+
+def test_the_printed_scene_reads_with_the_printed_csv(tmp_path):
+    (tmp_path / "still-life.toml").write_text(SCENE)
+    (tmp_path / "leaf.csv").write_text(CSV)
+    scene = read_scene(tmp_path / "still-life.toml")
+    assert FORMAT in SCENE
+    assert scene.materials["leaf"].reflectance.at(555.0) == pytest.approx(0.18)
+    assert [shape.name for shape in scene.shapes] == ["table", "green ball", "glass ball"]
