@@ -40,4 +40,4 @@ for effect in explain(scene, error=0.02).effects:
 size = 24 if os.environ.get("OPTSIM_QUICK") else 256
 cube = render(scene, Bands.parse("400:710:31"), (size, size), RenderSettings(error=0.05 if size == 24 else 0.02))
 show(cube, "ball.png")
-print(f"ball.png: {cube['radiance'].shape}, error {cube.attrs['error']:.3f}")
+print(f"ball.png: {cube['radiance'].shape}, error {cube.attrs['error']:.1g}")

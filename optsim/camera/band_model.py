@@ -68,7 +68,7 @@ class BandModel:
 class OwnShifts:
     """Let H know where the prism lays each band: its position and how it spreads over columns."""
 
-    name = "own"
+    name = "camera"
 
     def columns(
         self, dispersion: Dispersion, mirror_px: float, lower_nm: np.ndarray, upper_nm: np.ndarray
@@ -81,7 +81,7 @@ class OwnShifts:
 class UnitShift:
     """Let H believe that band k lands exactly k columns on, as in the paper's discrete model."""
 
-    name = "unit"
+    name = "unit-shift"
 
     def columns(
         self, dispersion: Dispersion, mirror_px: float, lower_nm: np.ndarray, upper_nm: np.ndarray

@@ -119,4 +119,4 @@ def with_unit_shifts(frames: xr.Dataset) -> xr.Dataset:
         first_column=("wavelength", np.arange(count, dtype=np.int64)),
         tap=xr.DataArray(np.ones((count, 1)), dims=("wavelength", "column")),
     )
-    return changed.assign_attrs(operator="unit")
+    return changed.assign_attrs(operator="unit-shift")

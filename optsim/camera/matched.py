@@ -56,7 +56,7 @@ def measure_matched(
         values = model.operator(np.float64).forward(radiance.astype(np.float64))
     else:  # H = 0 is refused as an operator, but closed mirrors are a valid measurement
         values = np.zeros((model.masks.shape[0], sensor.channels, radiance.shape[0], model.width))
-    attrs = {"units": "relative", "model": "matched", "masks": masks_name, "seed": seed, "operator": "unit", "versions": versions()}
+    attrs = {"units": "relative", "model": "matched", "masks": masks_name, "seed": seed, "operator": "unit-shift", "versions": versions()}
     if noise is not None:
         if not 0 < fill <= 1:
             raise InputError("fill", fill, "in (0, 1]")

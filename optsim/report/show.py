@@ -30,7 +30,7 @@ MAX_VOXELS = 50_000_000
 MAX_SHOTS = 12
 
 
-def show(data: xr.Dataset, out: Path, points: Sequence[tuple[int, int]] | None = None) -> Path:
+def show(data: xr.Dataset, out: Path | str, points: Sequence[tuple[int, int]] | None = None) -> Path:
     """Draw a cube, an estimate or frames into a PNG.
 
     Args:
@@ -45,6 +45,7 @@ def show(data: xr.Dataset, out: Path, points: Sequence[tuple[int, int]] | None =
         InputError: field ``file`` when the Dataset is neither, ``points`` when one lies outside, ``radiance`` or
             ``frames`` when a value is not finite, ``--out`` when the name does not end in .png.
     """
+    out = Path(out)
     if out.suffix.lower() != ".png":
         raise InputError("--out", str(out), "a file name that ends in .png")
     with styled():
