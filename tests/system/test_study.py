@@ -99,7 +99,8 @@ def test_ctrl_c_says_what_stays_and_the_same_command_gives_the_same_bytes(finish
     folder, _ = finished
     (tmp_path / "s.toml").write_text("".join(f"{k} = {json.dumps(v)}\n" for k, v in TINY.model_dump(mode="json").items() if v is not None))
     words = [sys.executable, "-m", "optsim", "run", "--config", str(tmp_path / "s.toml"), "--out", str(tmp_path / "e")]
-    run = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+    # A shell that starts us in the background hands down SIGINT ignored; a terminal does not.
+    run = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     while not list((tmp_path / "e" / "estimates").glob("*.json")) and run.poll() is None:
         time.sleep(0.05)
     run.send_signal(signal.SIGINT)
