@@ -115,7 +115,7 @@ def measure(
             raise InputError(name, value, "given with --noise")
     if bits is not None and not 8 <= bits <= 16:
         raise InputError("--bits", bits, "from 8 to 16")
-    writable(output)
+    writable(output, source=cube)
     chosen, rule = sensor_named(sensor), mask_rule(masks)
     source = read_cube(cube)
     if physical:
@@ -162,7 +162,7 @@ def reconstruct(
     from optsim.study.inverse import estimate_of, invert
     from recon import Kronecker
 
-    writable(output)
+    writable(output, source=frames)
     measured = read(frames)
     check_frames(measured)
     if operator == "unit-shift":
@@ -170,7 +170,10 @@ def reconstruct(
     if solver is None:
         exact = measured.attrs["model"] == MATCHED and measured.attrs["units"] == RELATIVE and tau is None
         solver = "basis-pursuit" if exact else "admm"
-        print(f"solver: {solver}" + ("" if exact else ", as an exact fit would amplify noise and what H does not know"), file=sys.stderr)
+        why = (
+            "" if exact else ", as --tau is given" if tau is not None else ", as an exact fit would amplify noise and what H does not know"
+        )
+        print(f"solver: {solver}{why}", file=sys.stderr)
     basis = Kronecker.for_shape((measured.sizes["mirror_y"], measured.sizes["mirror_x"], measured.sizes["wavelength"]), wavelet=wavelet)
     chosen, start = solver_named(solver, tau, measured, max_iterations, debias, basis)
     with progress_bar(solver) as progress:

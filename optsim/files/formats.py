@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,15 +45,30 @@ def read_cube(path: Path | str) -> xr.Dataset:
     return cube
 
 
-def writable(path: Path | str, field: str = "-o") -> Path:
-    """Check an output path before the work starts: a known suffix, and not an existing folder.
+def writable(path: Path | str, field: str = "-o", source: Path | None = None) -> Path:
+    """Check an output path before the work starts: a known suffix, in a folder that can be written, and not the input.
+
+    Args:
+        path: file to write; its folder is made.
+        field: named in errors.
+        source: the file that is read, which must not be overwritten.
 
     Raises:
         InputError: naming ``field``.
     """
     path = Path(path)
-    if path.suffix not in _WRITERS or path.is_dir():
+    if path.suffix not in _WRITERS:
         raise InputError(field, str(path), f"a file path that ends in one of {', '.join(_WRITERS)}")
+    if path.is_dir():
+        raise InputError(field, str(path), "a file, not an existing folder")
+    if source is not None and source.exists() and path.exists() and path.samefile(source):
+        raise InputError(field, str(path), "another file than the one that is read")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(field, str(path), f"in a folder that can be made ({error.strerror})") from None
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(field, str(path), "in a folder that can be written")
     return path
 
 

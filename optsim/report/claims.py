@@ -112,7 +112,7 @@ def whole_spectrum(gallery: Gallery, mono: Series) -> Claim:
             if mono.key in errors and s.key in errors:
                 lower = int(np.sum(errors[s.key] < errors[mono.key]))
                 counts.append((lower, errors[s.key].size))
-                parts.append(f"{s.short} lower in {lower} of {errors[s.key].size} bands ({target})")
+                parts.append(f"{s.short} lower in {lower} of {errors[s.key].size} bands ({target}, mean absolute error)")
     if not counts:
         standing = ("not run", "open")
     elif all(n == total for n, total in counts):

@@ -132,17 +132,19 @@ def draw_bands(panel: SubFigure, cube: np.ndarray, stderr: np.ndarray | None, ba
     from matplotlib.colors import PowerNorm
 
     axes = np.ravel(panel.subplots(1, len(index), squeeze=False))
-    low, high = min(0.0, float(cube.min())), float(cube.max())
+    low, high = 0.0, float(cube.max())  # an estimate may dip below zero: black
     scale = high if high > low else low + 1.0
     for ax, k in zip(axes, index):
         image = ax.imshow(cube[..., k], cmap="gray", norm=PowerNorm(0.5, vmin=low, vmax=scale))
         picture(ax, f"{bands.center[k]:.1f} nm")
-    bar = panel.colorbar(image, ax=list(axes), location="bottom", aspect=60, shrink=0.7)
+    bar = panel.colorbar(image, ax=list(axes), location="bottom", aspect=60, shrink=0.7, extend="min" if cube.min() < 0 else "neither")
     flat = " (all values are equal)" if float(cube.min()) == high else ""
     noise = ""
     if stderr is not None:
         noise = f"; standard error: median {np.median(stderr):.2g}, largest {stderr.max():.2g}"
-    bar.set_label(f"{RADIANCE}: {cube.min():.4g} to {high:.4g}{flat}{noise}; grey by the square root")
+    bar.set_label(
+        f"{RADIANCE}: {cube.min():.4g} to {high:.4g}{flat}{noise}; grey by the square root{', below zero black' if cube.min() < 0 else ''}"
+    )
 
 
 def frames_figure(data: xr.Dataset) -> Figure:

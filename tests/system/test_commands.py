@@ -132,6 +132,8 @@ def test_physical_refuses_a_coarse_cube_and_interpolates_when_told(cube, tmp_pat
         (("score", "CUBE", "absent.nc"), "absent.nc"),
         (("explain", "nowhere"), "scene"),
         (("show", "absent.nc"), "absent.nc"),
+        (("measure", "CUBE", "--sensor", "mono", "--shots", "1", "-o", "CUBE"), "-o"),
+        (("render", "color-checker", "-o", "/proc/nowhere/x.nc"), "-o"),
         (("run", "--quick", "--config", "absent.toml"), "--quick"),
         (("run", "--config", "absent.toml"), "--config"),
         (("run", "--seed", "-1"), "seed"),

@@ -39,7 +39,7 @@ def test_claims_carry_the_numbers_of_the_rows(run):
     assert distinct.verdict == "reversed"
     assert claims["Every sensor improves with the number of shots", ""].found.startswith("24 of 24 steps")
     whole = claims["The colour sensors’ error is lower over the whole spectrum", "repeated mask"]
-    assert "Bayer lower in 24 of 24 bands (color-checker)" in whole.found
+    assert "Bayer lower in 24 of 24 bands (color-checker, mean absolute error)" in whole.found
     assert whole.standing == "holds"
 
 
