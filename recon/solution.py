@@ -54,7 +54,7 @@ class Solution:
             what += f" ({self.tau / self.tau_max:.3g} of tau_max)"
         lines = [
             f"{rows} x {columns} x {bands} cube by {what}: {self.iterations} iterations in {self.seconds:.1f} s",
-            f"{'converged' if self.stop.converged else 'NOT converged'}: {self.stop.reason}",
+            f"{'converged' if self.stop.converged else 'NOT converged'}: {self.stop.reason.removeprefix('converged: ')}",
             f"objective {self.objective:.6g}, relative residual {self.residual:.3g}",
         ]
         return "\n".join([*lines, *self.notes])
