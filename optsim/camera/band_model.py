@@ -15,14 +15,12 @@ from optsim.camera.radiometry import photon_integral
 from optsim.camera.sensor import Sensor
 from optsim.cube import Bands
 from optsim.errors import InputError
-from scenes.spectrum import Spectrum
 
 if TYPE_CHECKING:
     from recon.coded_aperture import CodedAperture
 
 PIECES_PER_BAND = 64
 """A band's light is laid on the sensor in this many exact pieces; 64 and 128 agree to 1e-6 of the light."""
-FLAT = Spectrum.constant(1.0, 1.0, 1e5, name="photons")
 
 
 @dataclass(frozen=True, eq=False)

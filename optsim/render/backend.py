@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from optsim.llvm import MIN_MAJOR, LlvmReport, choose, prove, use_llvm
+from recon.threads import cores
 
 VECTOR_VARIANT = "llvm_ad_spectral"
 SCALAR_VARIANT = "scalar_spectral"
@@ -65,13 +66,6 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return found
-
-
-def cores() -> int:
-    """Return the number of processor cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def memory_gib() -> float | None:
