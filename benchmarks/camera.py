@@ -60,7 +60,7 @@ def trace_rates(rays: int) -> None:
 
 
 def photographs(size: int) -> None:
-    bands, camera = Bands.paper(), CameraConfig()
+    bands, camera = Bands.paper(), CameraConfig().ideal()
     fine = bands.subdivide(10, (450, 670))
     cube = make_cube(np.random.default_rng(0).random((2 * size, 2 * size, fine.count), dtype=np.float32), fine)
     memory = cube["radiance"].values

@@ -19,7 +19,7 @@ from recon.tuning import AutoTau
 from scenes import scene_by_name
 
 size = 32 if os.environ.get("OPTSIM_QUICK") else 128
-bands, camera, sensor = Bands.paper(), CameraConfig(), Mono()
+bands, camera, sensor = Bands.paper(), CameraConfig().ideal(), Mono()
 fine_bands = bands.subdivide(10, cover=(camera.bandpass.lower_nm, camera.bandpass.upper_nm))
 fine = render(scene_by_name("color-checker").build(), fine_bands, (size, size), RenderSettings(oversample=2, error=0.01))
 truth = band_mean(block_mean(fine, 2), bands)

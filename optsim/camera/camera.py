@@ -6,91 +6,18 @@ import math
 import tomllib
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
-import numpy as np
-from pydantic import field_validator, model_validator
+from pydantic import model_validator
 
 from optsim.camera.center_table import CenterTable
 from optsim.camera.glass import glass
-from optsim.camera.model import Model, ranged
-from optsim.camera.prism import (
-    DEFAULT_APEX_INNER_DEG,
-    DEFAULT_DESIGN_POSITION_PX,
-    DEFAULT_PIXEL_UM,
-    DESIGN_NM,
-    Dispersion,
-    DoubleAmici,
-    direct_view_apex,
-)
+from optsim.camera.model import Model
+from optsim.camera.optics_config import BandpassConfig, DmdConfig, ObjectiveConfig, PrismConfig, SensorConfig, TableConfig
+from optsim.camera.prism import DEFAULT_DESIGN_POSITION_PX, Dispersion, DoubleAmici, direct_view_apex
 from optsim.camera.radiometry import etendue_m2_sr
 from optsim.camera.relay import Relay
-from optsim.cube import PAPER_CENTERS_NM
 from optsim.errors import InputError
-
-ANGLE = ranged(-90, 90, "deg", "()")
-
-
-class PrismConfig(Model):
-    """Name the glasses and angles of a double Amici prism.
-
-    Args:
-        outer, inner: names of built-in glasses.
-        apex_outer_deg: A1 in (-90, 90) deg; None: the one that leaves ``design_nm`` undeviated.
-        apex_inner_deg: A2 in (-90, 90) deg.
-        design_nm: wavelength in nm that leaves along the axis.
-        design_position_px: where it lands, counted from the 455 nm pixel; None: such that 455 nm lands at 0.
-    """
-
-    outer: str = "N-FK5"
-    inner: str = "F5"
-    apex_outer_deg: Annotated[float, ANGLE] | None = None
-    apex_inner_deg: Annotated[float, ANGLE] = DEFAULT_APEX_INNER_DEG
-    design_nm: Annotated[float, ranged(100, 1e4, "nm")] = DESIGN_NM
-    design_position_px: Annotated[float, ranged(-1e6, 1e6, "px")] | None = None
-
-    @field_validator("outer", "inner")
-    @classmethod
-    def _known(cls, value: str) -> str:
-        return glass(value).name
-
-
-class TableConfig(Model):
-    """Place the k-th of these wavelengths at pixel k, instead of tracing a prism."""
-
-    centers_nm: tuple[float, ...] = PAPER_CENTERS_NM
-
-
-class DmdConfig(Model):
-    """Describe ideal mirrors: their pitch in um and the share of the pitch's area that reflects, in (0, 1]."""
-
-    pitch_um: Annotated[float, ranged(0, 1e4, "um", "(]")] = 13.68
-    fill_factor: Annotated[float, ranged(0, 1, "", "(]")] = 0.92
-
-
-class SensorConfig(Model):
-    """Describe the pixels that all three sensors share: pitch in um, full well in electrons a pixel or layer (assumed)."""
-
-    pitch_um: Annotated[float, ranged(0, 1e4, "um", "(]")] = DEFAULT_PIXEL_UM
-    full_well_e: Annotated[float, ranged(0, 1e12, "electrons", "(]")] = 20_000.0
-
-
-class BandpassConfig(Model):
-    """Describe an ideal band-pass filter: transmission 1 from lower_nm to upper_nm, 0 elsewhere."""
-
-    lower_nm: Annotated[float, ranged(0, 1e5, "nm", "(]")] = 450.0
-    upper_nm: Annotated[float, ranged(0, 1e5, "nm", "(]")] = 670.0
-
-    @model_validator(mode="after")
-    def _ordered(self) -> BandpassConfig:
-        if self.upper_nm <= self.lower_nm:
-            raise InputError("upper_nm", self.upper_nm, f"above lower_nm = {self.lower_nm:g} nm")
-        return self
-
-    def clip(self, lower_nm: np.ndarray, upper_nm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the parts of bands inside the filter; upper = lower where nothing is left."""
-        lower = np.clip(lower_nm, self.lower_nm, self.upper_nm)
-        return lower, np.clip(upper_nm, self.lower_nm, self.upper_nm)
 
 
 class CameraConfig(Model):
@@ -99,16 +26,17 @@ class CameraConfig(Model):
     Args:
         prism: glasses and angles; the default design if neither it nor ``table`` is given.
         table: measured band centres, in place of the prism.
-        relay, dmd, sensor, bandpass: see there.
+        objective, dmd, relay, bandpass, sensor: see there.
     """
 
     place: ClassVar[str] = "camera"
     prism: PrismConfig | None = None
     table: TableConfig | None = None
-    relay: Relay = Relay()
+    objective: ObjectiveConfig = ObjectiveConfig()
     dmd: DmdConfig = DmdConfig()
-    sensor: SensorConfig = SensorConfig()
+    relay: Relay = Relay()
     bandpass: BandpassConfig = BandpassConfig()
+    sensor: SensorConfig = SensorConfig()
 
     @model_validator(mode="before")
     @classmethod
@@ -142,6 +70,23 @@ class CameraConfig(Model):
             design_nm=p.design_nm,
             design_position_px=p.design_position_px,
         )
+
+    def ideal(self) -> CameraConfig:
+        """Return the same camera with nothing but its prism's dispersion and smile: perfect mirrors, lenses and pixels."""
+        perfect = {
+            "objective": ObjectiveConfig(),
+            "dmd": DmdConfig(pitch_um=self.dmd.pitch_um, fill_factor=self.dmd.fill_factor, leak=0.0),
+            "relay": Relay(
+                collimator_mm=self.relay.collimator_mm,
+                focal_mm=self.relay.focal_mm,
+                f_number=self.relay.f_number,
+                transmission=self.relay.transmission,
+                diffraction=False,
+            ),
+            "bandpass": BandpassConfig(lower_nm=self.bandpass.lower_nm, upper_nm=self.bandpass.upper_nm),
+            "sensor": SensorConfig(pitch_um=self.sensor.pitch_um, full_well_e=self.sensor.full_well_e, prnu=0.0),
+        }
+        return self.model_copy(update=perfect)
 
     @property
     def mirror_px(self) -> float:

@@ -20,6 +20,13 @@ class Relay(Model):
         focal_mm: f2, from the prism to the sensor, in (0, 1e6] mm.
         f_number: of the light cone at the mirrors, from 0.5 (a hemisphere) to 1e3.
         transmission: of all optics together, in (0, 1].
+        diffraction: whether the lenses' aperture blurs (an Airy pattern at the f-number on the sensor's side).
+        defocus_mm: of the sensor, in [-100, 100] mm.
+        distortion_per_mm2: k in r' = r (1 + k r^2) at the sensor, in [-1e-2, 1e-2] per mm^2.
+        scheimpflug: whether the sensor is tilted so that tilted mirrors are sharp all over.
+        converging: whether the prism stands in the converging beam of one lens, not in collimated light.
+        prism_to_sensor_mm: with ``converging``, in (0, 1e6] mm; None: ``focal_mm``.
+        pupil_rays: traced through the pupil where chief rays are not enough, from 32 to 4096.
     """
 
     place: ClassVar[str] = "relay"
@@ -27,6 +34,14 @@ class Relay(Model):
     focal_mm: Annotated[float, ranged(0, 1e6, "mm", "(]")] = 100.0
     f_number: Annotated[float, ranged(0.5, 1e3, "")] = 8.0
     transmission: Annotated[float, ranged(0, 1, "", "(]")] = 1.0
+
+    diffraction: bool = True
+    defocus_mm: Annotated[float, ranged(-100, 100, "mm")] = 0.0
+    distortion_per_mm2: Annotated[float, ranged(-1e-2, 1e-2, "per mm^2")] = 0.0
+    scheimpflug: bool = True
+    converging: bool = False
+    prism_to_sensor_mm: Annotated[float, ranged(0, 1e6, "mm", "(]")] | None = None
+    pupil_rays: Annotated[int, ranged(32, 4096, "rays")] = 32
 
     @property
     def magnification(self) -> float:

@@ -16,12 +16,12 @@ INTERRUPTED = 130
 
 VERBS = {
     "run": "optsim.cli.run:run",
-    "render": "optsim.cli.stages:render",
-    "measure": "optsim.cli.stages:measure",
+    "render": "optsim.cli.render:render",
+    "measure": "optsim.cli.measure:measure",
     "reconstruct": "optsim.cli.stages:reconstruct",
     "score": "optsim.cli.stages:score",
-    "prism": "optsim.cli.questions:prism",
-    "explain": "optsim.cli.questions:explain",
+    "prism": "optsim.cli.prism:prism",
+    "explain": "optsim.cli.explain:explain",
     "doctor": "optsim.cli.questions:doctor",
     "scenes": "optsim.cli.questions:scenes",
     "show": "optsim.cli.questions:show",

@@ -8,7 +8,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
 
 from optsim.errors import InputError
 
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
     from recon.tuning import TauChoice
     from scenes.scene import Scene
 
+Json = Annotated[bool, Parameter(help="Print one JSON object and nothing else.", negative="")]
+Output = Annotated[Path, Parameter(name=["--output", "-o"], help="File to write.")]
+PAPER = "paper"
 ProgressCall = Callable[[float | None, str], None]
 
 
@@ -144,3 +149,8 @@ def progress_bar(what: str) -> Iterator[ProgressCall]:
                 bar.update(task, total=1.0, completed=fraction, description=text)
 
         yield show
+
+
+def wrote(path: Path, shape: tuple[int, ...], what: str) -> None:
+    """Tell on standard error what was written."""
+    print(f"{path}: {' x '.join(map(str, shape))} {what}", file=sys.stderr)

@@ -43,7 +43,7 @@ def world_key(config: StudyConfig, target: str) -> str:
             "physics": PHYSICS_VERSION,
             "target": target,
             "scene": scene_to_data(scene_by_name(target).build()),
-            "camera": CameraConfig().to_toml(),
+            "camera": CameraConfig().ideal().to_toml(),
             "sensors": {sensor.name: sensor.band_mean(Bands.paper()).tolist() for sensor in sensors()},
             **{name: config.model_dump(mode="json")[name] for name in names},
         }
@@ -111,7 +111,7 @@ def photograph_as(shooting: Shooting, fine: xr.Dataset, truth: xr.Dataset, seed:
     masks = masks_for(sensor, shooting.shots, rule, (height, width), seed)
     if shooting.physical:
         exposure = Exposure(seed=seed, masks_name=rule.name)
-        return photograph(fine, bands_of(truth), CameraConfig(), sensor, masks, exposure)
+        return photograph(fine, bands_of(truth), CameraConfig().ideal(), sensor, masks, exposure)
     return measure_matched(truth, sensor, masks, masks_name=rule.name, seed=seed)
 
 

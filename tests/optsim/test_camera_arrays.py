@@ -24,7 +24,7 @@ from optsim.camera import CameraConfig, Mono, photograph, prism_report
 from optsim.cube import Bands, make_cube
 bands = Bands.from_edges([500, 520, 540])
 cube = make_cube(np.ones((4, 6, 20)), bands.subdivide(10))
-frames = photograph(cube, bands, CameraConfig(), Mono(), np.ones((1, 2, 3)))
+frames = photograph(cube, bands, CameraConfig().ideal(), Mono(), np.ones((1, 2, 3)))
 assert len(prism_report()["band_center_nm"]) == 24
 assert "drjit" not in sys.modules and "mitsuba" not in sys.modules
 print(frames["frames"].values.max())

@@ -208,7 +208,7 @@ def test_the_photograph_converges_to_the_cameras_own_discrete_model_at_least_as_
 def test_what_unit_shifts_hide_is_in_the_data_of_the_default_prism():
     cube, coarse = band_cube((4, 60), PAPER)
     masks = masks_for(Mono(), 1, Distinct(), (4, 60), 2)
-    frames = photograph(cube, PAPER, CameraConfig(), Mono(), masks)
+    frames = photograph(cube, PAPER, CameraConfig().ideal(), Mono(), masks)
     data = signal_of(frames)
     own, unit = (
         np.linalg.norm(band_model_of(f).operator().forward(coarse.astype(float)) - data) / np.linalg.norm(data)
@@ -231,7 +231,7 @@ def test_photons_sent_are_detected_or_listed_as_lost(sensor):
     bands = Bands.from_edges([470, 520, 580, 640])
     cube = fine_cube((9, 11), bands, cover=(440.0, 679.0), parts=20)
     masks = masks_for(sensor, 6, Distinct(), (9, 11), 5)
-    attrs = photograph(cube, bands, CameraConfig(), sensor, masks, Exposure(time_s=3.0)).attrs
+    attrs = photograph(cube, bands, CameraConfig().ideal(), sensor, masks, Exposure(time_s=3.0)).attrs
     assert abs(balance(attrs)) < 1e-10
     wavelength, width = cube["wavelength"].values, cube["band_upper"].values - cube["band_lower"].values
     mirrors = cube["radiance"].values.astype(float).reshape(9, 2, 11, 2, -1).mean((1, 3))
@@ -343,7 +343,7 @@ def test_S8_two_million_samples_into_one_pixel_add_up_without_float32_loss():
 def shot(masks_bytes, size=(5, 6), sensor=None):
     masks = np.frombuffer(masks_bytes, np.uint8).reshape(-1, *size)
     sensor = Mono() if sensor is None else sensor
-    return photograph(fine_cube(size, PAPER), PAPER, CameraConfig(), sensor, masks, Exposure(time_s=1.0))["frames"].values
+    return photograph(fine_cube(size, PAPER), PAPER, CameraConfig().ideal(), sensor, masks, Exposure(time_s=1.0))["frames"].values
 
 
 def test_D1_D4_a_mask_and_its_complement_add_to_the_open_frame():
@@ -380,12 +380,12 @@ def test_D8_masks_of_another_size_than_the_cube_are_refused():
     cube = fine_cube((5, 6), PAPER)
     for size in ((5, 7), (4, 6), (10, 13)):
         with pytest.raises(InputError, match="cube"):
-            photograph(cube, PAPER, CameraConfig(), Mono(), np.ones((1, *size)))
+            photograph(cube, PAPER, CameraConfig().ideal(), Mono(), np.ones((1, *size)))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (7, 1)])
 def test_D8_one_mirror_and_one_line_are_valid(size):
-    frames = photograph(fine_cube(size, PAPER), PAPER, CameraConfig(), Foveon.sigma(), np.ones((1, *size)))
+    frames = photograph(fine_cube(size, PAPER), PAPER, CameraConfig().ideal(), Foveon.sigma(), np.ones((1, *size)))
     assert frames["frames"].shape == (1, 3, size[0], size[1] + 23)
     assert abs(balance(frames.attrs)) < 1e-10
 
@@ -395,7 +395,7 @@ def test_S10_equal_flat_curves_give_the_same_frame_on_all_sensors():
     colours = {"red": flat, "green": flat, "blue": flat}
     cube, masks = fine_cube((5, 6), PAPER), masks_for(Mono(), 1, Distinct(), (5, 6), 0)
     frames = [
-        photograph(cube, PAPER, CameraConfig(), s, masks, Exposure(time_s=1.0))["frames"].values
+        photograph(cube, PAPER, CameraConfig().ideal(), s, masks, Exposure(time_s=1.0))["frames"].values
         for s in (Mono(), Bayer(**colours), Foveon(**colours))
     ]
     np.testing.assert_allclose(frames[1], frames[0], rtol=1e-13)
@@ -405,7 +405,7 @@ def test_S10_equal_flat_curves_give_the_same_frame_on_all_sensors():
 
 def test_the_same_photograph_has_the_same_bytes_and_shots_do_not_know_each_other():
     masks = masks_for(Mono(), 14, Distinct(), (5, 6), 1)  # more shots than one pass of the kernel
-    first, again = (photograph(fine_cube((5, 6), PAPER), PAPER, CameraConfig(), Mono(), masks, Exposure(time_s=1.0)) for _ in range(2))
+    first, again = (photograph(fine_cube((5, 6), PAPER), PAPER, CameraConfig().ideal(), Mono(), masks, Exposure(time_s=1.0)) for _ in range(2))
     assert first["frames"].values.tobytes() == again["frames"].values.tobytes()
     for l in range(14):
         np.testing.assert_array_equal(first["frames"].values[l : l + 1], shot(masks[l].tobytes()))
@@ -414,9 +414,9 @@ def test_the_same_photograph_has_the_same_bytes_and_shots_do_not_know_each_other
 def test_slabs_of_rows_do_not_change_a_photograph(monkeypatch):
     masks = masks_for(Mono(), 1, Distinct(), (12, 6), 1)
     cube = fine_cube((12, 6), PAPER)
-    whole = photograph(cube, PAPER, CameraConfig(), Mono(), masks)
+    whole = photograph(cube, PAPER, CameraConfig().ideal(), Mono(), masks)
     monkeypatch.setattr("optsim.camera.gather.SLAB_BYTES", 5 * 12 * 240 * 4)
-    slabs = photograph(cube, PAPER, CameraConfig(), Mono(), masks)
+    slabs = photograph(cube, PAPER, CameraConfig().ideal(), Mono(), masks)
     np.testing.assert_array_equal(slabs["frames"].values, whole["frames"].values)
     assert slabs.attrs["photons_missed_sensor"] == pytest.approx(whole.attrs["photons_missed_sensor"], rel=1e-12)
 
@@ -425,9 +425,9 @@ def test_slabs_of_rows_do_not_change_a_photograph(monkeypatch):
 def test_without_llvm_numpy_gives_the_same_photograph(sensor, monkeypatch):
     masks = masks_for(sensor, 2, Distinct(), (5, 6), 1)
     cube = fine_cube((5, 6), PAPER, cover=(440.0, 672.0))
-    first = photograph(cube, PAPER, CameraConfig(), sensor, masks, Exposure(time_s=1.0))
+    first = photograph(cube, PAPER, CameraConfig().ideal(), sensor, masks, Exposure(time_s=1.0))
     monkeypatch.setattr("optsim.camera.physical.kernels", lambda: None)
-    plain = photograph(cube, PAPER, CameraConfig(), sensor, masks, Exposure(time_s=1.0))
+    plain = photograph(cube, PAPER, CameraConfig().ideal(), sensor, masks, Exposure(time_s=1.0))
     np.testing.assert_allclose(plain["frames"].values, first["frames"].values, rtol=1e-11, atol=1e-13 * first["frames"].values.max())
     for name in ("sent", "detected", "missed_sensor", "blocked", "reflected", "outside_bands"):
         assert plain.attrs[f"photons_{name}"] == pytest.approx(first.attrs[f"photons_{name}"], rel=1e-9)
@@ -440,7 +440,7 @@ def test_without_llvm_numpy_gives_the_same_photograph(sensor, monkeypatch):
 def test_a_cube_too_coarse_is_refused_with_the_remedy(samples, parts):
     cube = fine_cube((4, 5), PAPER, samples, parts)
     with pytest.raises(InputError, match=r"--subdivide 10 --oversample 2.*--interpolate") as caught:
-        photograph(cube, PAPER, CameraConfig(), Mono(), np.ones((1, 4, 5)))
+        photograph(cube, PAPER, CameraConfig().ideal(), Mono(), np.ones((1, 4, 5)))
     assert caught.value.field == "cube"
 
 
@@ -448,7 +448,7 @@ def test_a_cube_too_coarse_is_refused_with_the_remedy(samples, parts):
 def test_an_interpolated_photograph_is_marked_and_keeps_band_means(samples, parts):
     cube = fine_cube((4, 5), PAPER, samples, parts)
     masks = np.ones((1, 4, 5))
-    frames = photograph(cube, PAPER, CameraConfig(), Mono(), masks, Exposure(time_s=1.0, interpolate=Interpolate()))
+    frames = photograph(cube, PAPER, CameraConfig().ideal(), Mono(), masks, Exposure(time_s=1.0, interpolate=Interpolate()))
     assert frames.attrs["model"] == "physical-interpolated"
     coarse = cube["radiance"].values.astype(float)
     width = cube["band_upper"].values - cube["band_lower"].values
@@ -463,35 +463,35 @@ def test_a_flat_scene_interpolates_to_itself():
     flat = make_cube(np.full((4, 5, 24), 0.25, np.float32), PAPER)
     fine = make_cube(np.full((8, 10, 246), 0.25, np.float32), PAPER.subdivide(10, (450, 670)))
     masks = masks_for(Mono(), 1, Distinct(), (4, 5), 0)
-    interpolated = photograph(flat, PAPER, CameraConfig(), Mono(), masks, Exposure(interpolate=Interpolate()))
-    exact = photograph(fine, PAPER, CameraConfig(), Mono(), masks)
+    interpolated = photograph(flat, PAPER, CameraConfig().ideal(), Mono(), masks, Exposure(interpolate=Interpolate()))
+    exact = photograph(fine, PAPER, CameraConfig().ideal(), Mono(), masks)
     np.testing.assert_allclose(interpolated["frames"].values, exact["frames"].values, rtol=1e-6)
     assert exact.attrs["model"] == "physical"
 
 
 def test_a_fine_cube_is_not_interpolated_though_allowed():
-    frames = photograph(fine_cube((4, 5), PAPER), PAPER, CameraConfig(), Mono(), np.ones((1, 4, 5)), Exposure(interpolate=Interpolate()))
+    frames = photograph(fine_cube((4, 5), PAPER), PAPER, CameraConfig().ideal(), Mono(), np.ones((1, 4, 5)), Exposure(interpolate=Interpolate()))
     assert frames.attrs["model"] == "physical"
 
 
 def test_wavelengths_that_lie_apart_on_the_sensor_are_warned_of():
     bands = Bands.from_edges([500, 600])
     with pytest.warns(UserWarning, match=r"1\.4 px apart"):
-        frames = photograph(fine_cube((3, 4), bands), bands, CameraConfig(), Mono(), np.ones((1, 3, 4)))
+        frames = photograph(fine_cube((3, 4), bands), bands, CameraConfig().ideal(), Mono(), np.ones((1, 3, 4)))
     assert frames.attrs["wavelength_step_px"] > 1
-    assert photograph(fine_cube((3, 4), PAPER), PAPER, CameraConfig(), Mono(), np.ones((1, 3, 4))).attrs["wavelength_step_px"] < 0.13
+    assert photograph(fine_cube((3, 4), PAPER), PAPER, CameraConfig().ideal(), Mono(), np.ones((1, 3, 4))).attrs["wavelength_step_px"] < 0.13
 
 
 def test_cubes_with_gaps_or_missing_bands_are_refused():
     fine = PAPER.subdivide(10)
     gap = Bands(np.delete(fine.lower, 30), np.delete(fine.upper, 30), np.delete(fine.center, 30))
     with pytest.raises(InputError, match="touching bands"):
-        photograph(make_cube(np.ones((8, 10, 239)), gap), PAPER, CameraConfig(), Mono(), np.ones((1, 4, 5)))
+        photograph(make_cube(np.ones((8, 10, 239)), gap), PAPER, CameraConfig().ideal(), Mono(), np.ones((1, 4, 5)))
     short = Bands(fine.lower[5:], fine.upper[5:], fine.center[5:])
     with pytest.raises(InputError, match="covering the bands"):
-        photograph(make_cube(np.ones((8, 10, 235)), short), PAPER, CameraConfig(), Mono(), np.ones((1, 4, 5)))
+        photograph(make_cube(np.ones((8, 10, 235)), short), PAPER, CameraConfig().ideal(), Mono(), np.ones((1, 4, 5)))
     with pytest.raises(InputError, match="at least 0"):
-        photograph(make_cube(-np.ones((8, 10, 240)), fine), PAPER, CameraConfig(), Mono(), np.ones((1, 4, 5)))
+        photograph(make_cube(-np.ones((8, 10, 240)), fine), PAPER, CameraConfig().ideal(), Mono(), np.ones((1, 4, 5)))
 
 
 # --- exposure --------------------------------------------------------------------------------------------------
@@ -500,7 +500,7 @@ def test_cubes_with_gaps_or_missing_bands_are_refused():
 def test_light_that_the_band_pass_blocks_may_lie_outside_the_glasses_range():
     bands = Bands.from_edges([500, 510])
     wide = Bands.from_edges([200, *np.linspace(445, 675, 231), 3000])
-    frames = photograph(make_cube(np.ones((4, 6, 232)), wide), bands, CameraConfig(), Mono(), np.ones((1, 2, 3)))
+    frames = photograph(make_cube(np.ones((4, 6, 232)), wide), bands, CameraConfig().ideal(), Mono(), np.ones((1, 2, 3)))
     photons = np.diff(np.array([200.0, 450, 670, 3000]) ** 2)
     assert frames.attrs["photons_blocked"] / frames.attrs["photons_sent"] == pytest.approx(
         (photons[0] + photons[2]) / photons.sum(), rel=1e-9
@@ -517,7 +517,7 @@ def test_the_brightest_pixel_reaches_nine_tenths_of_the_full_well():
 
 def test_frames_and_response_are_proportional_to_time_and_S6_no_time_gives_no_light():
     cube, masks = fine_cube((4, 5), PAPER), np.ones((1, 4, 5))
-    once, twice, never = (photograph(cube, PAPER, CameraConfig(), Mono(), masks, Exposure(time_s=t)) for t in (1e-3, 2e-3, 0.0))
+    once, twice, never = (photograph(cube, PAPER, CameraConfig().ideal(), Mono(), masks, Exposure(time_s=t)) for t in (1e-3, 2e-3, 0.0))
     for name in ("frames", "response"):
         np.testing.assert_allclose(twice[name].values, 2 * once[name].values, rtol=1e-13)
         assert (never[name].values == 0).all()
@@ -544,7 +544,7 @@ def test_digital_numbers_minus_their_offset_are_h_times_the_cube():
 
 def test_light_outside_the_bands_is_in_the_data_and_not_in_h():
     cube = fine_cube((4, 30), PAPER, cover=(450.0, 670.0))
-    frames = photograph(cube, PAPER, CameraConfig(), Mono(), np.ones((1, 4, 30)))
+    frames = photograph(cube, PAPER, CameraConfig().ideal(), Mono(), np.ones((1, 4, 30)))
     share = frames.attrs["photons_outside_bands"] / frames.attrs["photons_detected"]
     expected = (452.5**2 - 450**2 + 670**2 - 668.5**2) / (670**2 - 450**2)
     assert share == pytest.approx(expected, rel=0.05)

@@ -1,0 +1,52 @@
+"""The verb render: from a scene to a cube."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from optsim.cli.words import PAPER, Output, find_scene, progress_bar, wrote
+
+
+def render(
+    scene: Annotated[str, Parameter(help="Name of a scene (`optsim scenes` lists them) or a scene file (.toml, .json).")],
+    /,
+    *,
+    output: Output,
+    size: Annotated[int, Parameter(help="Mirrors along each side of the square picture.")] = 256,
+    bands: Annotated[str, Parameter(help="`paper` (24 bands, 452.5-668.5 nm) or START:STOP:COUNT, outer edges in nm.")] = PAPER,
+    subdivide: Annotated[
+        int, Parameter(help="Parts of every band; `measure --physical` wants 10. With `paper` the cube then spans 450-670 nm.")
+    ] = 1,
+    oversample: Annotated[int, Parameter(help="Samples along each side of a mirror; `measure --physical` wants 2.")] = 1,
+    error: Annotated[float | None, Parameter(help="Relative RMS error per band at which to stop (default 0.01).")] = None,
+    spp: Annotated[int | None, Parameter(help="Paths a pixel, in place of an error.")] = None,
+    seed: Annotated[int, Parameter(help="0 to 4294967295; the same seed gives the same bytes.")] = 0,
+) -> None:
+    """Render a scene to a cube of spectral radiance in W m^-2 sr^-1 nm^-1, with its Monte Carlo standard error."""
+    from optsim.cube import Bands
+    from optsim.files import writable, write
+    from optsim.render import RenderSettings
+    from optsim.render import render as render_scene
+
+    writable(output)
+    settings = RenderSettings(oversample=oversample, error=error, samples_per_pixel=spp, seed=seed)
+    table = Bands.parse(bands)
+    if subdivide != 1:
+        from optsim.camera import CameraConfig
+
+        passes = CameraConfig().bandpass
+        table = table.subdivide(subdivide, (passes.lower_nm, passes.upper_nm) if bands.strip() == PAPER else None)
+    chosen = find_scene(scene)
+    with progress_bar("rendering") as progress:
+        cube = render_scene(
+            chosen,
+            table,
+            (size, size),
+            settings,
+            progress=lambda share, now: progress(share, "" if now is None else f"error {now:.2g}"),
+        )
+    cube = cube.assign_attrs(bands=bands.strip(), subdivide=subdivide, oversample=oversample)
+    write(cube, output)
+    wrote(output, cube["radiance"].shape, "(y, x, wavelength)")
