@@ -7,12 +7,15 @@ A cube becomes frames by :func:`measure_matched` (the paper's discrete model mak
 from optsim.camera.band_model import BandModel, OwnShifts, UnitShift, matched_model, physical_model
 from optsim.camera.camera import CameraConfig
 from optsim.camera.center_table import CenterTable
-from optsim.camera.dmd import Distinct, Repeated, masks_for
+from optsim.camera.dmd import Distinct, Repeated, defects, masks_for, mirror_states
+from optsim.camera.effects import EFFECTS, Effect, effect_named, ranked, reduced, required
 from optsim.camera.fine import Interpolate
+from optsim.camera.fixed_pattern import fixed_pattern
 from optsim.camera.frames import band_model_of, check_frames, signal_of, with_unit_shifts
 from optsim.camera.glass import Glass, glass, glass_names
 from optsim.camera.matched import measure_matched
 from optsim.camera.noise import Noise
+from optsim.camera.patterns import Bernoulli, BlueNoise, Complementary, FromFile, Stratified
 from optsim.camera.physical import Exposure, photograph
 from optsim.camera.prism import DoubleAmici
 from optsim.camera.prism_report import plot_prism, prism_report
@@ -20,15 +23,21 @@ from optsim.camera.relay import Relay
 from optsim.camera.sensor import Bayer, BayerPhase, Foveon, Mono, Sensor, sensors
 
 __all__ = [
+    "EFFECTS",
     "BandModel",
     "Bayer",
     "BayerPhase",
+    "Bernoulli",
+    "BlueNoise",
     "CameraConfig",
     "CenterTable",
+    "Complementary",
     "Distinct",
     "DoubleAmici",
+    "Effect",
     "Exposure",
     "Foveon",
+    "FromFile",
     "Glass",
     "Interpolate",
     "Mono",
@@ -37,18 +46,26 @@ __all__ = [
     "Relay",
     "Repeated",
     "Sensor",
+    "Stratified",
     "UnitShift",
     "band_model_of",
     "check_frames",
+    "defects",
+    "effect_named",
+    "fixed_pattern",
     "glass",
     "glass_names",
     "masks_for",
     "matched_model",
     "measure_matched",
+    "mirror_states",
     "photograph",
     "physical_model",
     "plot_prism",
     "prism_report",
+    "ranked",
+    "reduced",
+    "required",
     "sensors",
     "signal_of",
     "with_unit_shifts",
