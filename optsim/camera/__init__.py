@@ -13,6 +13,7 @@ from optsim.camera.fine import Interpolate
 from optsim.camera.fixed_pattern import fixed_pattern
 from optsim.camera.frames import band_model_of, check_frames, signal_of, with_unit_shifts
 from optsim.camera.glass import Glass, glass, glass_names
+from optsim.camera.layer_bins import bin_layers, layer_sites
 from optsim.camera.matched import measure_matched
 from optsim.camera.noise import Noise
 from optsim.camera.patterns import Bernoulli, BlueNoise, Complementary, FromFile, Stratified
@@ -49,12 +50,14 @@ __all__ = [
     "Stratified",
     "UnitShift",
     "band_model_of",
+    "bin_layers",
     "check_frames",
     "defects",
     "effect_named",
     "fixed_pattern",
     "glass",
     "glass_names",
+    "layer_sites",
     "masks_for",
     "matched_model",
     "measure_matched",

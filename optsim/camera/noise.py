@@ -70,12 +70,22 @@ class Exposed:
     saturated: int
 
 
-def expose(mean_e: np.ndarray, noise: Noise, *, full_well_e: float, exposure_s: float, seed: int) -> Exposed:
-    """Expose pixels once (theory.md (C.12)).
+def expose(
+    mean_e: np.ndarray,
+    noise: Noise,
+    *,
+    full_well_e: float,
+    exposure_s: float,
+    seed: int,
+    offset_e: np.ndarray | None = None,
+    sites: np.ndarray | None = None,
+) -> Exposed:
+    """Expose pixels once (theory.md (C.12)), in the order of EMVA 1288: light and dark current, well, read-out, converter.
 
-    Charge is min(Poisson(mean + dark), full well); then Gaussian read noise, gain, offset, rounding half to even,
-    clipping to 0..2^bits - 1. The noise of frame (shot, channel) is drawn from its own Philox stream keyed by
-    (seed, shot, channel), so it depends neither on other frames nor on the order of work.
+    Charge is min(Poisson(mean + dark), full well); then Gaussian read noise and the pixel's own offset, gain, offset,
+    rounding half to even, clipping to 0..2^bits - 1. The response's fixed pattern (PRNU) is part of the mean. The noise of frame
+    (shot, channel) is drawn from its own Philox stream keyed by (seed, shot, channel), so it depends neither on other
+    frames nor on the order of work.
 
     Args:
         mean_e: (L, C, M, W) mean photoelectrons of one exposure, from 0 to 1e15.
@@ -83,13 +93,53 @@ def expose(mean_e: np.ndarray, noise: Noise, *, full_well_e: float, exposure_s: 
         full_well_e: in (0, 1e12] electrons.
         exposure_s: the time the dark current adds up, at least 0 s.
         seed: from 0 to 2^63 - 1.
+        offset_e: (M, W) or (C, M, W) fixed pattern of the dark signal (DSNU), in electrons.
+        sites: (C, M, W) bool, where a layer has a pixel; elsewhere the dark level is written, without noise.
 
     Raises:
-        InputError: ``exposure_s``, ``radiance`` (mean not finite, negative or too large), or see :meth:`Noise.gain`.
+        InputError: ``exposure_s``, ``offset_e``, ``radiance`` (mean not finite, negative or too large), or see :meth:`Noise.gain`.
     """
-    gain = noise.gain(full_well_e)
+    mean, gain = _means(mean_e), noise.gain(full_well_e)
+    pattern = np.zeros(1) if offset_e is None else np.asarray(offset_e, np.float64)
+    if not np.all(np.isfinite(pattern)):
+        raise InputError("offset_e", "not finite", "finite electrons in every pixel")
+    pattern = np.broadcast_to(pattern, mean.shape[1:])
+    dark_e = _dark(noise, mean, full_well_e, exposure_s)
+    dark_dn = noise.offset_dn + gain * dark_e
+    dn = np.full(mean.shape, dark_dn)
+    saturated = 0
+    for shot, channel in np.ndindex(mean.shape[:2]):
+        level = mean[shot, channel] + dark_e
+        stream = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(_STREAM, shot, channel))))
+        charge = np.minimum(stream.poisson(level) if noise.shot_noise else level, full_well_e)
+        full = charge >= full_well_e
+        if noise.read_noise_e > 0:
+            charge = charge + noise.read_noise_e * stream.standard_normal(charge.shape)
+        read = np.rint(np.clip(gain * (charge + pattern[channel]) + noise.offset_dn, 0, noise.top_dn))
+        here = np.True_ if sites is None else sites[channel]
+        np.copyto(dn[shot, channel], read, where=here)
+        saturated += int(np.count_nonzero((full | (read == noise.top_dn)) & here))
+    return Exposed(dn, gain, dark_dn, saturated)
+
+
+def _dark(noise: Noise, mean: np.ndarray, full_well_e: float, exposure_s: float) -> float:
+    """Return the dark electrons of the exposure; refuse one that is too long, warn of one that fills the well."""
     if not (np.isfinite(exposure_s) and exposure_s >= 0):
         raise InputError("exposure_s", exposure_s, "finite and at least 0 s")
+    dark_e = noise.dark_e_per_s * exposure_s
+    largest = float(mean.max(initial=0.0)) + dark_e
+    if largest > MAX_MEAN_E:
+        raise InputError(
+            "exposure_s", exposure_s, f"at most {exposure_s * MAX_MEAN_E / largest:.6g} s for this light ({MAX_MEAN_E:g} electrons a pixel)"
+        )
+    if dark_e >= full_well_e:
+        warnings.warn(
+            f"dark current alone fills the well: {dark_e:g} electrons in {exposure_s:g} s, full well {full_well_e:g}", stacklevel=3
+        )
+    return dark_e
+
+
+def _means(mean_e: np.ndarray) -> np.ndarray:
     mean = np.asarray(mean_e, np.float64)
     if mean.ndim != 4:
         raise InputError("frames", mean.shape, "of dims (shot, channel, y, x)")
@@ -99,28 +149,7 @@ def expose(mean_e: np.ndarray, noise: Noise, *, full_well_e: float, exposure_s: 
             float(mean[~(np.isfinite(mean) & (mean >= 0))].flat[0]),
             "such that every pixel's mean is finite and at least 0 electrons",
         )
-    dark_e = noise.dark_e_per_s * exposure_s
-    largest = float(mean.max()) + dark_e
-    if largest > MAX_MEAN_E:
-        raise InputError(
-            "exposure_s", exposure_s, f"at most {exposure_s * MAX_MEAN_E / largest:.6g} s for this light ({MAX_MEAN_E:g} electrons a pixel)"
-        )
-    if dark_e >= full_well_e:
-        warnings.warn(
-            f"dark current alone fills the well: {dark_e:g} electrons in {exposure_s:g} s, full well {full_well_e:g}", stacklevel=2
-        )
-    dn = np.empty(mean.shape)
-    saturated = 0
-    for shot, channel in np.ndindex(mean.shape[:2]):
-        level = mean[shot, channel] + dark_e
-        stream = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(_STREAM, shot, channel))))
-        charge = np.minimum(stream.poisson(level) if noise.shot_noise else level, full_well_e)
-        full = charge >= full_well_e
-        if noise.read_noise_e > 0:
-            charge = charge + noise.read_noise_e * stream.standard_normal(charge.shape)
-        dn[shot, channel] = np.rint(np.clip(gain * charge + noise.offset_dn, 0, noise.top_dn))
-        saturated += int(np.count_nonzero(full | (dn[shot, channel] == noise.top_dn)))
-    return Exposed(dn, gain, noise.offset_dn + gain * dark_e, saturated)
+    return mean
 
 
 def _check_well(full_well_e: float) -> None:

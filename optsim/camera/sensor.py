@@ -52,6 +52,11 @@ class Sensor(Model, ABC):
         """Return how many numbers one pixel yields: 1, or 3 for Foveon."""
         return len(self.curves)
 
+    @property
+    def layer_bins(self) -> tuple[int, ...]:
+        """Return for each curve how many pixels along y and x share one pixel of its layer: 1 but for the Quattro."""
+        return (1,) * len(self.curves)
+
     def mosaic(self, rows: int, columns: int) -> np.ndarray | None:
         """Return (rows, columns) int8, the index of each pixel's curve; None when every pixel has all curves."""
         return None

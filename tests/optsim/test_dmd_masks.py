@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from optsim.camera import Distinct, Mono, Repeated, masks_for, matched_model, sensors
+from optsim.camera import Bernoulli, Distinct, Mono, Repeated, masks_for, matched_model, sensors
 from optsim.camera.dmd import check_masks
 from optsim.cube import Bands
 from optsim.errors import InputError
@@ -42,7 +42,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_masks():
 
 @pytest.mark.parametrize("p", [0.0, 1.0, 0.5, 0.1])
 def test_D5_the_open_fraction_is_p_within_four_standard_errors(p):
-    open_share = masks_for(BAYER, 4, Distinct(), (100, 100), 11, open_fraction=p).mean()
+    open_share = masks_for(BAYER, 4, Distinct(), (100, 100), 11, Bernoulli(p)).mean()
     assert abs(open_share - p) <= 4 * np.sqrt(p * (1 - p) / 40_000)
 
 
@@ -89,7 +89,7 @@ def test_D6_mask_values_other_than_0_and_1_are_refused_with_their_place(value):
 
 def test_probabilities_outside_0_to_1_are_refused():
     with pytest.raises(InputError, match="open_fraction"):
-        masks_for(MONO, 1, Distinct(), SIZE, 0, open_fraction=1.1)
+        masks_for(MONO, 1, Distinct(), SIZE, 0, Bernoulli(1.1))
 
 
 def test_D10_repeated_masks_add_light_but_no_rank():
