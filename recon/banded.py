@@ -3,8 +3,8 @@
 import numpy as np
 
 from recon import aperture_kernels, threads
-from recon.coded_aperture import CodedAperture
-from recon.data_step import Sums, merge_repeats, mosaic_tile, whiten
+from recon.coded_aperture import CodedAperture, mosaic_tile
+from recon.data_step import Sums, merge_repeats, whiten
 
 REGULAR = {"float32": 1e-6, "float64": 1e-11}  # of the largest diagonal entry: what is added when rho = 0
 

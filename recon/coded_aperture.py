@@ -70,13 +70,13 @@ class CodedAperture:
         if self.dtype not in (np.dtype(np.float32), np.dtype(np.float64)):
             raise InputError("dtype", str(dtype), "float32 or float64")
         self.gray = gray
-        self.masks = _checked_masks(masks, gray)
+        self.masks = checked_masks(masks, gray)
         self.response, self.first_column, self.taps = _checked_bands(response, first_column, taps)
         shots, rows, columns = self.masks.shape
         curves, bands = self.response.shape
         reach = int(self.first_column.max()) + self.taps.shape[1] - 1
-        self.width = _checked_width(columns + max(reach, 0) if width is None else width)
-        self.mosaic = None if mosaic is None else _checked_mosaic(mosaic, (rows, self.width), curves)
+        self.width = checked_width(columns + max(reach, 0) if width is None else width)
+        self.mosaic = None if mosaic is None else checked_mosaic(mosaic, (rows, self.width), curves)
         self.in_shape = (rows, columns, bands)
         self.out_shape = (shots, 1 if mosaic is not None else curves, rows, self.width)
         self._require_light()
@@ -94,17 +94,17 @@ class CodedAperture:
 
     def forward(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Photograph a cube (M, N, K) into frames (L, C, M, W)."""
-        cube = _as(x, self.in_shape, self.dtype, "x")
-        frames = _result(out, self.out_shape, self.dtype)
+        cube = as_array(x, self.in_shape, self.dtype, "x")
+        frames = result(out, self.out_shape, self.dtype)
         threads.run(kernels.forward_rows, self.in_shape[0], cube.transpose(2, 0, 1), *self._arguments, frames)
         return frames
 
     def adjoint(self, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Spread frames (L, C, M, W) back over the voxels that they saw; band-major memory unless ``out`` is given."""
-        frames = _as(y, self.out_shape, self.dtype, "y")
+        frames = as_array(y, self.out_shape, self.dtype, "y")
         if out is None:
             out = empty_cube(self.in_shape, self.dtype)
-        cube = _result(out, self.in_shape, self.dtype)
+        cube = result(out, self.in_shape, self.dtype)
         threads.run(kernels.adjoint_rows, self.in_shape[0], frames, *self._arguments, cube.transpose(2, 0, 1))
         return cube
 
@@ -197,14 +197,9 @@ class CodedAperture:
             )
 
     def _kernel_arguments(self, dtype: np.dtype[Any], rows: slice = slice(None)) -> tuple[np.ndarray, ...]:
-        tile = np.zeros((0, 0, 0), dtype)
-        tile_of = np.zeros(self.in_shape[0], np.int64)
-        if self.mosaic is not None:
-            different, tile_of = np.unique(self.mosaic, axis=0, return_inverse=True)
-            tile = np.ascontiguousarray(self.response[different].transpose(0, 2, 1), dtype)
-            tile_of = tile_of.reshape(-1).astype(np.int64)
+        tile, tile_of = mosaic_tile(self.response, self.mosaic, self.in_shape[0])
         masks = np.ascontiguousarray(self.masks[:, rows], dtype)
-        return masks, self.response.astype(dtype), tile, tile_of[rows], self.first_column, self.taps.astype(dtype)
+        return masks, self.response.astype(dtype), tile.astype(dtype), tile_of[rows], self.first_column, self.taps.astype(dtype)
 
 
 def empty_cube(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
@@ -213,14 +208,24 @@ def empty_cube(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
     return np.empty((bands, rows, columns), dtype).transpose(1, 2, 0)
 
 
-def _as(value: np.ndarray, shape: tuple[int, ...], dtype: np.dtype[Any], name: str) -> np.ndarray:
+def mosaic_tile(response: np.ndarray, mosaic: np.ndarray | None, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Tabulate the response of each different row of the mosaic: (R, K, W), and which of them each sensor row is."""
+    if mosaic is None:
+        return np.zeros((0, 0, 0)), np.zeros(rows, np.int64)
+    different, tile_of = np.unique(mosaic, axis=0, return_inverse=True)
+    return np.ascontiguousarray(response[different].transpose(0, 2, 1)), tile_of.reshape(-1).astype(np.int64)
+
+
+def as_array(value: np.ndarray, shape: tuple[int, ...], dtype: np.dtype[Any], name: str) -> np.ndarray:
+    """Return an input as an array of the operator's shape and type."""
     array = np.asarray(value)
     if array.shape != shape:
         raise InputError(name, array.shape, f"an array of shape {shape}")
     return array if array.dtype == dtype else array.astype(dtype)
 
 
-def _result(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> np.ndarray:
+def result(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> np.ndarray:
+    """Return ``out``, checked, or a new array."""
     if out is None:
         return np.empty(shape, dtype)
     if out.shape != shape or out.dtype != dtype:
@@ -228,7 +233,8 @@ def _result(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype[Any]
     return out
 
 
-def _checked_masks(masks: np.ndarray, gray: bool) -> np.ndarray:
+def checked_masks(masks: np.ndarray, gray: bool) -> np.ndarray:
+    """Return masks (L, M, N) in float64."""
     values = np.asarray(masks)
     if values.ndim != 3 or 0 in values.shape:
         raise InputError("masks", values.shape, "of shape (shots, rows, columns), each at least 1")
@@ -241,10 +247,16 @@ def _checked_masks(masks: np.ndarray, gray: bool) -> np.ndarray:
     return np.ascontiguousarray(values)
 
 
-def _checked_bands(response: np.ndarray, first_column: np.ndarray, taps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def checked_response(response: np.ndarray) -> np.ndarray:
+    """Return a finite response (C, K) in float64."""
     chi = np.ascontiguousarray(response, np.float64)
     if chi.ndim != 2 or 0 in chi.shape or not np.isfinite(chi).all():
         raise InputError("response", chi.shape if np.isfinite(chi).all() else "not finite", "finite, of shape (curves, bands)")
+    return chi
+
+
+def _checked_bands(response: np.ndarray, first_column: np.ndarray, taps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    chi = checked_response(response)
     first = np.asarray(first_column)
     if first.shape != (chi.shape[1],) or not np.issubdtype(first.dtype, np.integer) or np.abs(first).max() > 2**30:
         raise InputError("first_column", first.tolist() if first.size < 100 else first.shape, f"{chi.shape[1]} integers, one a band")
@@ -258,13 +270,15 @@ def _checked_bands(response: np.ndarray, first_column: np.ndarray, taps: np.ndar
     return chi, first, weights
 
 
-def _checked_width(width: int) -> int:
+def checked_width(width: int) -> int:
+    """Return W as an int."""
     if isinstance(width, bool) or int(width) != width or not 1 <= width <= 2**24:
         raise InputError("width", width, "an integer of 1..2^24 sensor columns")
     return int(width)
 
 
-def _checked_mosaic(mosaic: np.ndarray, shape: tuple[int, int], curves: int) -> np.ndarray:
+def checked_mosaic(mosaic: np.ndarray, shape: tuple[int, int], curves: int) -> np.ndarray:
+    """Return the mosaic (M, W) as int64."""
     values = np.asarray(mosaic)
     if values.shape != shape:
         raise InputError("mosaic", values.shape, f"of the sensor's shape {shape}")

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from recon import aperture_kernels, threads
-from recon.coded_aperture import CodedAperture
+from recon.coded_aperture import CodedAperture, mosaic_tile
 from recon.operator import LinearOperator, norm_squared
 
 CUTOFF = 1e-6  # eigenvalues of a block below this part of its largest count as 0 when rho = 0
@@ -134,14 +134,6 @@ class ConjugateStep:
             left -= step * image
             size, before = float(np.vdot(left, left)), size
             direction = left + y.dtype.type(size / before) * direction
-
-
-def mosaic_tile(response: np.ndarray, mosaic: np.ndarray | None, rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """Tabulate the response of each different row of the mosaic: (R, K, W), and which of them each sensor row is."""
-    if mosaic is None:
-        return np.zeros((0, 0, 0)), np.zeros(rows, np.int64)
-    different, tile_of = np.unique(mosaic, axis=0, return_inverse=True)
-    return np.ascontiguousarray(response[different].transpose(0, 2, 1)), tile_of.reshape(-1).astype(np.int64)
 
 
 def merge_repeats(masks: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
