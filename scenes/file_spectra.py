@@ -24,6 +24,7 @@ FORMS: dict[str, tuple[str, ...]] = {
     "illuminant": (),
     "blackbody_K": (),
     "line_nm": ("width_nm",),
+    "lines_nm": ("power", "width_nm"),
 }
 """The keys that say what a spectrum table is, and what may stand beside each (``scale`` always may)."""
 
@@ -87,6 +88,10 @@ def _read(value: dict[str, Any], form: str, field: str, folder: Path | None) -> 
         return library.illuminant(_word(value[form], field))
     if form == "blackbody_K":
         return library.blackbody(_number(value[form], f"{field}.blackbody_K"), BLACKBODY_NODES_NM)
+    if form == "lines_nm":
+        centers = _numbers(value[form], f"{field}.lines_nm")
+        power = _numbers(value.get("power", [1.0] * len(centers)), f"{field}.power")
+        return library.lines(centers, power, _number(value.get("width_nm", 1.0), f"{field}.width_nm"))
     return library.line(_number(value[form], f"{field}.line_nm"), _number(value.get("width_nm", 1.0), f"{field}.width_nm"))
 
 
@@ -150,6 +155,12 @@ def _number(value: Any, field: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(field, value, "a number")
     return float(value)
+
+
+def _numbers(value: Any, field: str) -> list[float]:
+    if not isinstance(value, list) or not value:
+        raise InputError(field, value, "a list of numbers")
+    return [_number(item, field) for item in value]
 
 
 def _word(value: Any, field: str) -> str:

@@ -13,22 +13,36 @@ import numpy as np
 from scenes import library
 from scenes.errors import InputError
 from scenes.file_spectra import MAX_BYTES, inside, parse_spectrum, require_keys, spectrum_data
-from scenes.lights import AreaLight, ConstantSky, DirectionalLight, PointLight
+from scenes.file_textures import texture_fields
+from scenes.lights import AreaLight, ConstantSky, DirectionalLight, GradientSky, PointLight
 from scenes.materials import Conductor, Dielectric, Diffuse, RoughPlastic
 from scenes.meshes import read_mesh, read_regular
 from scenes.model import Model, did_you_mean
 from scenes.scene import Scene
 from scenes.shapes import Box, Mesh, Rectangle, Sphere
 from scenes.spectrum import Spectrum
-from scenes.viewpoint import Orthographic, Perspective
+from scenes.textures import Textured
+from scenes.viewpoint import Orthographic, Perspective, ThinLens
 
 FORMAT = "optsim-scene-1"
 Kinds = dict[str, type[Model]]
 
-MATERIAL_KINDS: Kinds = {"diffuse": Diffuse, "dielectric": Dielectric, "rough-plastic": RoughPlastic, "conductor": Conductor}
+MATERIAL_KINDS: Kinds = {
+    "diffuse": Diffuse,
+    "textured": Textured,
+    "dielectric": Dielectric,
+    "rough-plastic": RoughPlastic,
+    "conductor": Conductor,
+}
 SHAPE_KINDS: Kinds = {"rectangle": Rectangle, "box": Box, "sphere": Sphere, "mesh": Mesh}
-LIGHT_KINDS: Kinds = {"area": AreaLight, "directional": DirectionalLight, "point": PointLight, "sky": ConstantSky}
-VIEWPOINT_KINDS: Kinds = {"orthographic": Orthographic, "perspective": Perspective}
+LIGHT_KINDS: Kinds = {
+    "area": AreaLight,
+    "directional": DirectionalLight,
+    "point": PointLight,
+    "sky": ConstantSky,
+    "gradient-sky": GradientSky,
+}
+VIEWPOINT_KINDS: Kinds = {"orthographic": Orthographic, "perspective": Perspective, "thin-lens": ThinLens}
 SPECTRUM_FIELDS: dict[str, Callable[[str], Spectrum] | None] = {
     "reflectance": library.reflectance,
     "radiance": library.illuminant,
@@ -128,6 +142,8 @@ def _build(data: Any, kinds: Kinds, place: str, folder: Path | None) -> Any:
     for name in fields:
         if name in SPECTRUM_FIELDS and name in model.model_fields:
             fields[name] = parse_spectrum(fields[name], f"{place}.{name}", folder, SPECTRUM_FIELDS[name])
+    if model is Textured:
+        fields = texture_fields(fields, place, folder)
     try:
         if model is Mesh and "file" in fields:
             return _mesh_from_file(fields, place, folder)
@@ -159,7 +175,7 @@ def _plain(value: Any) -> Any:
         return spectrum_data(value)
     if isinstance(value, np.ndarray):
         return value.tolist()
-    return list(value) if isinstance(value, tuple) else value
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 
 def _shape_place(shape: Any, index: int) -> str:

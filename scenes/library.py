@@ -137,3 +137,25 @@ def line(center_nm: float, width_nm: float) -> Spectrum:
         raise InputError("center_nm", center_nm, f"at least one width inside ({low:g}, {high:g}) nm")
     grid = np.array([low, center_nm - width_nm, center_nm, center_nm + width_nm, high])
     return Spectrum(grid, np.array([0.0, 0.0, 2 / (grid[3] - grid[1]), 0.0, 0.0]), f"line {center_nm:g} nm")
+
+
+def lines(center_nm: ArrayLike, power: ArrayLike, width_nm: float = 1.0) -> Spectrum:
+    """Return the sum of spectral lines, each of its own area.
+
+    Args:
+        center_nm: (n,) where they peak, in nm; at least one.
+        power: (n,) their areas, at least 0.
+        width_nm: full width at half maximum of each, 1e-3 to 100 nm.
+
+    Raises:
+        InputError: ``center_nm``, ``power`` or ``width_nm``.
+    """
+    centers, powers = np.atleast_1d(np.asarray(center_nm, np.float64)), np.atleast_1d(np.asarray(power, np.float64))
+    if centers.ndim != 1 or centers.size == 0 or centers.shape != powers.shape:
+        raise InputError("power", powers.shape, f"one number for each of the {centers.size} lines")
+    if not np.all(np.isfinite(powers)) or powers.min() < 0:
+        raise InputError("power", powers.tolist(), "finite and at least 0")
+    parts = [line(float(c), width_nm) for c in centers]
+    grid = np.unique(np.concatenate([part.wavelength_nm for part in parts]))
+    value = sum(p * part.at(grid) for p, part in zip(powers, parts))
+    return Spectrum(grid, np.asarray(value), f"{centers.size} lines")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from scenes.errors import InputError
 from scenes.materials import Emission
-from scenes.model import Direction, Model, Vector
+from scenes.model import Direction, Model, Vector, ranged
 from scenes.shapes import require_perpendicular
 from scenes.spectrum import Spectrum
 
@@ -133,5 +133,36 @@ class ConstantSky(Light):
         return self.radiance
 
 
-LIGHTS: tuple[type[Light], ...] = (AreaLight, DirectionalLight, PointLight, ConstantSky)
+class GradientSky(Light):
+    """A sky that changes from the horizon to the zenith: radiance x (horizon + (zenith - horizon) max(0, sine of the elevation)).
+
+    Below the horizon it is as at the horizon. Two of them with different spectra make a sky that changes colour.
+
+    Args:
+        radiance: W m^-2 sr^-1 nm^-1, 0 to 1e30.
+        horizon: share of the radiance at the horizon, 0 to 1.
+        zenith: share of it at the zenith, 0 to 1.
+        up: towards the zenith.
+    """
+
+    radiance: Emission
+    horizon: Annotated[float, ranged(0, 1, "")] = 1.0
+    zenith: Annotated[float, ranged(0, 1, "")] = 0.0
+    up: Direction = (0.0, 0.0, 1.0)
+
+    @property
+    def spectrum(self) -> Spectrum:
+        """Return the radiance."""
+        return self.radiance
+
+    def share(self, direction: ArrayLike) -> np.ndarray:
+        """Return the share of the radiance that comes from directions (..., 3) pointing into the sky."""
+        d = np.asarray(direction, np.float64)
+        up = np.asarray(self.up) / np.linalg.norm(self.up)
+        sine = np.clip(d @ up / np.linalg.norm(d, axis=-1), 0, 1)
+        return self.horizon + (self.zenith - self.horizon) * sine
+
+
+SKIES = (ConstantSky, GradientSky)
+LIGHTS: tuple[type[Light], ...] = (AreaLight, DirectionalLight, PointLight, ConstantSky, GradientSky)
 """Every light a scene may use."""

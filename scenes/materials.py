@@ -47,12 +47,26 @@ rendering and its scale is applied afterwards in float64."""
 
 
 class Material(Model):
-    """A surface's material; abstract, see ``MATERIALS`` for the final ones."""
+    """A surface's material; abstract, see ``scenes.scene.MATERIALS`` for the final ones."""
 
     place: ClassVar[str] = "material"
 
 
-class Diffuse(Material):
+class Lambertian(Material):
+    """A surface that looks equally bright from all directions on its front side, black on its back; abstract."""
+
+    @property
+    def curves(self) -> tuple[Spectrum, ...]:
+        """Return the spectra of which the surface's reflectances are mixtures."""
+        raise NotImplementedError
+
+    @property
+    def largest(self) -> float:
+        """Return a bound of the reflectance over places and wavelengths."""
+        raise NotImplementedError
+
+
+class Diffuse(Lambertian):
     """A Lambertian surface on its front side, black on its back.
 
     Args:
@@ -63,6 +77,16 @@ class Diffuse(Material):
     """
 
     reflectance: Reflectance
+
+    @property
+    def curves(self) -> tuple[Spectrum, ...]:
+        """Return the reflectance."""
+        return (self.reflectance,)
+
+    @property
+    def largest(self) -> float:
+        """Return the reflectance's maximum."""
+        return self.reflectance.maximum
 
 
 class Dielectric(Material):
@@ -109,7 +133,3 @@ class Conductor(Material):
 
     eta: OpticalConstant
     k: OpticalConstant
-
-
-MATERIALS: tuple[type[Material], ...] = (Diffuse, Dielectric, RoughPlastic, Conductor)
-"""Every material a scene may use."""

@@ -8,18 +8,22 @@ import numpy as np
 from pydantic import Field, InstanceOf, model_validator
 
 from scenes.errors import InputError
-from scenes.lights import LIGHTS, AreaLight, ConstantSky, DirectionalLight, Light, PointLight
-from scenes.materials import MATERIALS, Conductor, Dielectric, Diffuse, Material, RoughPlastic
+from scenes.lights import LIGHTS, AreaLight, ConstantSky, DirectionalLight, GradientSky, Light, PointLight
+from scenes.materials import Conductor, Dielectric, Diffuse, Lambertian, Material, RoughPlastic
 from scenes.model import Model, did_you_mean
 from scenes.shapes import SHAPES, Box, Mesh, Name, Rectangle, Shape, Sphere
-from scenes.viewpoint import VIEWPOINTS, Orthographic, Perspective, Viewpoint
+from scenes.textures import Textured
+from scenes.viewpoint import VIEWPOINTS, Orthographic, Perspective, ThinLens, Viewpoint
 
 __all__ = [
     "LIGHTS", "MATERIALS", "SHAPES", "VIEWPOINTS",
-    "AreaLight", "Box", "Conductor", "ConstantSky", "Dielectric", "Diffuse", "DirectionalLight", "Light", "Material", "Mesh",
-    "Orthographic", "Perspective", "PointLight", "Rectangle", "RoughPlastic", "Scene", "Shape", "Sphere", "Viewpoint",
+    "AreaLight", "Box", "Conductor", "ConstantSky", "Dielectric", "Diffuse", "DirectionalLight", "GradientSky", "Lambertian", "Light",
+    "Material", "Mesh", "Orthographic", "Perspective", "PointLight", "Rectangle", "RoughPlastic", "Scene", "Shape", "Sphere", "Textured",
+    "ThinLens", "Viewpoint",
 ]  # fmt: skip
 
+MATERIALS: tuple[type[Material], ...] = (Diffuse, Textured, Dielectric, RoughPlastic, Conductor)
+"""Every material a scene may use."""
 MAX_SHAPES = 100_000
 
 
@@ -36,7 +40,7 @@ class Scene(Model):
 
     Raises:
         InputError: ``shapes.NAME.material`` for an unknown material, ``shapes.NAME`` for a name used twice, ``lights`` for a
-            second sky, ``shapes.NAME.material`` for glass on an open shape.
+            second sky, ``shapes.NAME.material`` for glass on an open shape or a texture on another than a rectangle.
     """
 
     name: Name
@@ -65,6 +69,8 @@ class Scene(Model):
                 raise InputError(
                     f"shapes.{shape.name}.material", shape.material, "opaque: glass needs a closed shape (box, sphere or mesh)"
                 )
+            if isinstance(self.materials[shape.material], Textured) and not isinstance(shape, Rectangle):
+                raise InputError(f"shapes.{shape.name}.material", shape.material, "of one colour: a texture lies on rectangles only")
         skies = sum(isinstance(light, ConstantSky) for light in self.lights)
         if skies > 1:
             raise InputError("lights", skies, "at most one constant sky")

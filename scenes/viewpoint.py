@@ -13,7 +13,7 @@ from scenes.model import LENGTH_LIMIT_M, Direction, Model, Vector, ranged
 
 
 class Viewpoint(Model):
-    """A pinhole or parallel view of the scene; abstract, see ``VIEWPOINTS`` for the final ones.
+    """A view of the scene; abstract, see ``VIEWPOINTS`` for the final ones.
 
     Args:
         origin: where the rays start.
@@ -98,5 +98,45 @@ class Perspective(Viewpoint):
         return np.broadcast_to(np.asarray(self.origin), d.shape), d / np.linalg.norm(d, axis=-1, keepdims=True)
 
 
-VIEWPOINTS: tuple[type[Viewpoint], ...] = (Orthographic, Perspective)
+class ThinLens(Viewpoint):
+    """Look through a round thin lens: what lies in one plane is sharp, what lies before and behind it is blurred.
+
+    Args:
+        fov_deg: angle between the top and the bottom edge of the picture through the lens's middle, in degrees, inside (0, 180).
+        aperture_m: radius of the lens, in (0, 1e9] m.
+        focus_m: distance of the sharp plane along the view, in (0, 1e9] m; None: the target's.
+    """
+
+    fov_deg: Annotated[float, ranged(0, 180, "degrees", "()")]
+    aperture_m: Annotated[float, ranged(0, LENGTH_LIMIT_M, "m", "(]")]
+    focus_m: Annotated[float, ranged(0, LENGTH_LIMIT_M, "m", "(]")] | None = None
+
+    @property
+    def distance_m(self) -> float:
+        """Return the distance of the sharp plane."""
+        return float(np.linalg.norm(np.subtract(self.target, self.origin))) if self.focus_m is None else self.focus_m
+
+    def rays(self, across: ArrayLike, down: ArrayLike, aspect: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rays through the lens's middle and picture points, see ``Viewpoint.rays``."""
+        return self.lens_rays(across, down, np.zeros(np.shape(across)), np.zeros(np.shape(across)), aspect)
+
+    def lens_rays(
+        self, across: ArrayLike, down: ArrayLike, lens_x: ArrayLike, lens_y: ArrayLike, aspect: float = 1.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rays through picture points and points of the lens.
+
+        Args:
+            across, down: as for ``rays``.
+            lens_x, lens_y: places on the lens in units of its radius, along the picture's right and up.
+            aspect: width / height of the picture.
+        """
+        right, up, forward = self.axes()
+        ahead = forward + self._plane(across, down, aspect, float(np.tan(np.deg2rad(self.fov_deg) / 2)))
+        x, y = (np.asarray(c, np.float64)[..., None] * self.aperture_m for c in (lens_x, lens_y))
+        start = np.asarray(self.origin) + x * right + y * up
+        d = np.asarray(self.origin) + self.distance_m * ahead - start
+        return start, d / np.linalg.norm(d, axis=-1, keepdims=True)
+
+
+VIEWPOINTS: tuple[type[Viewpoint], ...] = (Orthographic, Perspective, ThinLens)
 """Every viewpoint a scene may use."""

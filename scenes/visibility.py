@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.materials import Conductor, Dielectric, Diffuse, RoughPlastic
+from scenes.materials import Dielectric, Lambertian, Material
 from scenes.scene import Scene
 from scenes.shapes import Mesh, Shape, Sphere
 
@@ -42,8 +42,8 @@ class Faces:
 def albedo_bound(scene: Scene, shape: Shape) -> float:
     """Return the largest share of light that a shape gives back at any wavelength: 0 to 1."""
     material = scene.material_of(shape)
-    if isinstance(material, Diffuse):
-        return material.reflectance.maximum
+    if isinstance(material, Lambertian):
+        return material.largest
     return 1.0
 
 
@@ -252,10 +252,10 @@ def _meet_triangles(triangles: np.ndarray, origin: np.ndarray, direction: np.nda
 
 
 def is_diffuse(scene: Scene) -> bool:
-    """Tell whether every shape is made of Diffuse."""
-    return all(isinstance(scene.material_of(shape), Diffuse) for shape in scene.shapes)
+    """Tell whether every shape is Lambertian."""
+    return all(isinstance(scene.material_of(shape), Lambertian) for shape in scene.shapes)
 
 
-def used_materials(scene: Scene) -> dict[str, Diffuse | Dielectric | RoughPlastic | Conductor]:
+def used_materials(scene: Scene) -> dict[str, Material]:
     """Return the materials that shapes refer to, by name, in the order of their first use."""
-    return {shape.material: scene.material_of(shape) for shape in scene.shapes}  # type: ignore[misc]
+    return {shape.material: scene.material_of(shape) for shape in scene.shapes}
