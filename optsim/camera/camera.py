@@ -13,6 +13,7 @@ from pydantic import model_validator
 from optsim.camera.center_table import CenterTable
 from optsim.camera.glass import glass
 from optsim.camera.model import Model
+from optsim.camera.optics import Optics
 from optsim.camera.optics_config import BandpassConfig, DmdConfig, ObjectiveConfig, PrismConfig, SensorConfig, TableConfig
 from optsim.camera.prism import DEFAULT_DESIGN_POSITION_PX, Dispersion, DoubleAmici, direct_view_apex
 from optsim.camera.radiometry import etendue_m2_sr
@@ -70,6 +71,11 @@ class CameraConfig(Model):
             design_nm=p.design_nm,
             design_position_px=p.design_position_px,
         )
+
+    @property
+    def optics(self) -> Optics:
+        """Return the whole path from mirrors to sensor: the dispersion with tilt, registration, distortion and blur."""
+        return Optics(self)
 
     def ideal(self) -> CameraConfig:
         """Return the same camera with nothing but its prism's dispersion and smile: perfect mirrors, lenses and pixels."""

@@ -11,8 +11,8 @@ from optsim.camera.model import Model, ranged
 class Relay(Model):
     """Describe the lenses that image the mirrors onto the sensor.
 
-    Distortion-free, without aberrations or diffraction: a point at (X, Y) becomes the wave vector (X, Y, f1), a wave
-    vector k becomes the point f2 (kx, ky) / kz (theory.md (C.5)). X and Y count along their image, so that the image
+    Ideal thin lenses, with the stop where they and the prism are: a point at (X, Y) becomes the wave vector (X, Y, f1), a
+    wave vector k becomes the point f2 (kx, ky) / kz (theory.md (C.5)). X and Y count along their image, so that the image
     inversion is undone by numbering the mirrors from the opposite corner.
 
     Args:
@@ -26,6 +26,7 @@ class Relay(Model):
         scheimpflug: whether the sensor is tilted so that tilted mirrors are sharp all over.
         converging: whether the prism stands in the converging beam of one lens, not in collimated light.
         prism_to_sensor_mm: with ``converging``, in (0, 1e6] mm; None: ``focal_mm``.
+        prism_aperture_mm: full width of the prism's faces; with ``converging`` it sets how thick the wedges are, in (0, 1e4] mm.
         pupil_rays: traced through the pupil where chief rays are not enough, from 32 to 4096.
     """
 
@@ -41,6 +42,7 @@ class Relay(Model):
     scheimpflug: bool = True
     converging: bool = False
     prism_to_sensor_mm: Annotated[float, ranged(0, 1e6, "mm", "(]")] | None = None
+    prism_aperture_mm: Annotated[float, ranged(0, 1e4, "mm", "(]")] = 25.0
     pupil_rays: Annotated[int, ranged(32, 4096, "rays")] = 32
 
     @property
