@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import functools
-import itertools
 from abc import ABC, abstractmethod
 from enum import Enum
-from typing import ClassVar
+from os import PathLike
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,8 @@ from pydantic import Field, field_validator
 
 from optsim.camera.dmd import MONO_SHOTS_PER_GROUP
 from optsim.camera.model import Model
+from optsim.camera.sensor_files import curves_from_csv
+from optsim.camera.silicon import SiliconLayers, layer_absorption, silicon
 from optsim.cube import Bands
 from optsim.errors import InputError
 from scenes.spectrum import Spectrum
@@ -46,6 +48,17 @@ class Sensor(Model, ABC):
     @abstractmethod
     def curves(self) -> tuple[Spectrum, ...]:
         """Return the C curves in the order of ``curve_names``."""
+
+    @abstractmethod
+    def with_peak_qe(self, peak: float) -> Self:
+        """Return the same sensor with an absolute quantum efficiency: published curves are relative.
+
+        Args:
+            peak: largest value of any of its curves, in (0, 1].
+
+        Raises:
+            InputError: field ``sensor.peak_qe``.
+        """
 
     @property
     def channels(self) -> int:
@@ -110,8 +123,18 @@ class Mono(Sensor):
     @classmethod
     def silicon(cls, depth_um: float = 5.0) -> Mono:
         """Return a sensor that collects all electrons freed within a depth of silicon, behind a perfect coating (theory.md (C.11))."""
-        wavelength, absorption = silicon_absorption()
-        return cls(curve=Spectrum(wavelength, layer_absorption(absorption, [0.0, depth_um])[0], f"silicon, {depth_um:g} um"))
+        data = silicon()
+        share = layer_absorption(data.absorption_per_um, [0.0, depth_um])[0]
+        return cls(curve=Spectrum(data.wavelength_nm, share, f"silicon, {depth_um:g} um"))
+
+    @classmethod
+    def from_csv(cls, path: str | PathLike[str]) -> Self:
+        """Return a sensor with the curve of a CSV file with the columns wavelength_nm and mono."""
+        return cls(**{"curve": curves_from_csv(path, ("mono",))["mono"]})
+
+    def with_peak_qe(self, peak: float) -> Self:
+        """Return the sensor whose curve's maximum is ``peak``."""
+        return self.model_copy(update={"curve": _scaled(self.curves, peak)[0]})
 
     @field_validator("curve")
     @classmethod
@@ -129,6 +152,15 @@ class _Colour(Sensor):
     def curves(self) -> tuple[Spectrum, ...]:
         """Return the curves in the order red, green, blue."""
         return (self.red, self.green, self.blue)
+
+    @classmethod
+    def from_csv(cls, path: str | PathLike[str], **more: Any) -> Self:
+        """Return a sensor with the curves of a CSV file with the columns wavelength_nm, red, green and blue."""
+        return cls(**curves_from_csv(path, COLOUR_NAMES), **more)
+
+    def with_peak_qe(self, peak: float) -> Self:
+        """Return the sensor whose largest maximum is ``peak``; the ratios of its curves stay."""
+        return self.model_copy(update=dict(zip(COLOUR_NAMES, _scaled(self.curves, peak))))
 
     @field_validator(*COLOUR_NAMES)
     @classmethod
@@ -168,6 +200,15 @@ class Foveon(_Colour):
         """Return the layers of a Sigma SD Merrill (Foveon X3), measured by NPL."""
         return cls(**_published("sigma-sd-merrill"))
 
+    @classmethod
+    def physical(cls, layers: SiliconLayers | None = None) -> Self:
+        """Return three layers of silicon that divide the light by depth (theory.md (C.48), (C.49)).
+
+        Curves are absolute quantum efficiencies. The default's depths and filter are those that fit a Sigma SD Merrill best
+        (:func:`optsim.camera.foveon_fit.fit_layers`).
+        """
+        return cls(**dict(zip(("blue", "green", "red"), (SiliconLayers() if layers is None else layers).curves())))
+
 
 @functools.cache
 def sensors() -> tuple[Sensor, ...]:
@@ -175,33 +216,17 @@ def sensors() -> tuple[Sensor, ...]:
     return (Mono(), Bayer.nikon(), Foveon.sigma())
 
 
-def layer_absorption(absorption_per_um: ArrayLike, borders_um: ArrayLike) -> np.ndarray:
-    """Return the share of light absorbed between neighbouring borders, (layers, ...) (theory.md (C.11)).
-
-    The share is exp(-a top) (1 - exp(-a thickness)), by expm1: right for 1e-20 as for 1e3.
-    """
-    absorption, borders = np.asarray(absorption_per_um, np.float64), np.asarray(borders_um, np.float64)
-    if borders.ndim != 1 or borders.size < 2 or borders[0] < 0 or np.any(np.diff(borders) <= 0) or not np.all(np.isfinite(borders)):
-        raise InputError("borders_um", borders.tolist(), "at least two increasing depths from 0 up, in um")
-    if not np.all(np.isfinite(absorption)) or np.any(absorption < 0):
-        raise InputError("absorption_per_um", absorption.tolist(), "finite and at least 0 per um")
-    return np.stack([np.exp(-absorption * top) * -np.expm1(-absorption * (low - top)) for top, low in itertools.pairwise(borders)])
-
-
-@functools.cache
-def silicon_absorption() -> tuple[np.ndarray, np.ndarray]:
-    """Return (wavelength_nm, absorption per um) of silicon at 300 K, 360-830 nm (Green 2008)."""
-    from importlib import resources
-
-    text = (resources.files("optsim") / "data" / "sensor" / "silicon_green2008.csv").read_text()
-    wavelength, k = np.array([line.split(",") for line in text.splitlines()[1:]], np.float64).T
-    return wavelength, 4 * np.pi * k / (wavelength / 1000)
-
-
 def _published(name: str) -> dict[str, Spectrum]:
     from scenes.library import sensor_curves
 
     return sensor_curves(name)
+
+
+def _scaled(curves: tuple[Spectrum, ...], peak: float) -> tuple[Spectrum, ...]:
+    largest = max(curve.maximum for curve in curves)
+    if not 0 < peak <= 1 or largest == 0:
+        raise InputError("sensor.peak_qe", peak, "in (0, 1], of curves that are not 0 everywhere")
+    return tuple(curve.scaled(peak / largest) for curve in curves)
 
 
 def _quantum_efficiency(value: Spectrum) -> Spectrum:

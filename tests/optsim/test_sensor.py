@@ -5,7 +5,7 @@ import pytest
 
 from optsim.camera import Bayer, BayerPhase, Foveon, Mono, sensors
 from optsim.camera.radiometry import photon_integral
-from optsim.camera.sensor import layer_absorption, silicon_absorption
+from optsim.camera.silicon import layer_absorption, silicon
 from optsim.cube import Bands
 from optsim.errors import InputError
 from scenes.spectrum import Spectrum
@@ -92,14 +92,14 @@ def test_S3_one_layer_absorbs_1_minus_exp_of_its_optical_depth(depth, share):
 
 
 def test_S3_layers_and_what_passes_them_add_to_one():
-    wavelength, absorption = silicon_absorption()
+    wavelength, absorption = silicon().wavelength_nm, silicon().absorption_per_um
     layers = layer_absorption(absorption, [0.0, 0.2, 0.6, 2.0])
     np.testing.assert_allclose(layers.sum(0) + np.exp(-absorption * 2.0), 1, rtol=0, atol=1e-15)
     assert wavelength[np.argmax(layers[0] / layers.sum(0))] < wavelength[np.argmax(layers[2] / layers.sum(0))]
 
 
 def test_S3_silicon_absorbs_as_green_2008_prints():
-    wavelength, absorption = silicon_absorption()
+    wavelength, absorption = silicon().wavelength_nm, silicon().absorption_per_um
     at = np.interp([450, 500, 550, 600, 650, 670], wavelength, absorption)
     np.testing.assert_allclose(at, [2.41, 1.11, 0.639, 0.417, 0.279, 0.239], rtol=0.005)
 
