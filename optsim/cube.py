@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -30,6 +30,13 @@ PAPER_CENTERS_NM = (
     455, 460, 465, 470, 476, 482, 488, 494, 500, 506, 512, 519, 527, 536, 545, 555, 565, 576, 587, 599, 612, 626, 643, 660,
 )  # fmt: skip
 """Band centres of Rueda, Lau, Arce 2015, section 4, in nm."""
+
+
+class Invertible(Protocol):
+    """Say which wavelengths in nm land at given positions in px (a prism or any other dispersion)."""
+
+    def wavelength_at(self, position_px: Any, /) -> np.ndarray:
+        """Return wavelengths of the shape of the positions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +94,27 @@ class Bands:
     def paper(cls) -> Bands:
         """Return the 24 bands of Rueda, Lau, Arce 2015: edges 452.5 to 668.5 nm."""
         return cls.from_centers(PAPER_CENTERS_NM)
+
+    @classmethod
+    def from_prism(cls, prism: Invertible, pixels: int = 24, first_px: float = 0.0) -> Bands:
+        """Cut the spectrum where a prism advances by one pixel: edges on pixel borders, centres on pixel centres, in nm.
+
+        The bands run from ``first_px`` (the 455 nm pixel is 0) towards the red, whichever way the prism lays it.
+
+        Args:
+            prism: any dispersion of the camera.
+            pixels: K, from 1 to 10000.
+            first_px: position of the first band's centre.
+
+        Raises:
+            InputError: ``pixels``, or ``prism`` when the dispersion folds or does not reach so far.
+        """
+        if not 1 <= pixels <= 10_000:
+            raise InputError("pixels", pixels, "from 1 to 10000")
+        below, above = prism.wavelength_at(first_px + np.array([-0.5, 0.5]))
+        direction = 1.0 if above > below else -1.0
+        edges = prism.wavelength_at(first_px + direction * (np.arange(pixels + 1) - 0.5))
+        return cls(edges[:-1], edges[1:], prism.wavelength_at(first_px + direction * np.arange(pixels)))
 
     @classmethod
     def parse(cls, text: str) -> Bands:

@@ -12,18 +12,22 @@ from optsim.camera.effects import EFFECTS, Effect, effect_named, ranked, reduced
 from optsim.camera.fine import Interpolate
 from optsim.camera.fixed_pattern import fixed_pattern
 from optsim.camera.frames import band_model_of, check_frames, signal_of, with_unit_shifts
-from optsim.camera.glass import Glass, glass, glass_names
+from optsim.camera.glass import AIR, Glass, glass, glass_names
 from optsim.camera.layer_bins import bin_layers, layer_sites
 from optsim.camera.matched import measure_matched
 from optsim.camera.noise import Noise
 from optsim.camera.patterns import Bernoulli, BlueNoise, Complementary, FromFile, Stratified
 from optsim.camera.physical import Exposure, photograph
-from optsim.camera.prism import DoubleAmici
+from optsim.camera.prism import Dispersion, DoubleAmici
 from optsim.camera.prism_report import plot_prism, prism_report
+from optsim.camera.quattro import Quattro, every_sensor
 from optsim.camera.relay import Relay
 from optsim.camera.sensor import Bayer, BayerPhase, Foveon, Mono, Sensor, sensors
+from optsim.camera.silicon import FrontFilter, SiliconLayers
+from optsim.camera.stack import PrismStack
 
 __all__ = [
+    "AIR",
     "EFFECTS",
     "BandModel",
     "Bayer",
@@ -33,20 +37,25 @@ __all__ = [
     "CameraConfig",
     "CenterTable",
     "Complementary",
+    "Dispersion",
     "Distinct",
     "DoubleAmici",
     "Effect",
     "Exposure",
     "Foveon",
     "FromFile",
+    "FrontFilter",
     "Glass",
     "Interpolate",
     "Mono",
     "Noise",
     "OwnShifts",
+    "PrismStack",
+    "Quattro",
     "Relay",
     "Repeated",
     "Sensor",
+    "SiliconLayers",
     "Stratified",
     "UnitShift",
     "band_model_of",
@@ -54,6 +63,7 @@ __all__ = [
     "check_frames",
     "defects",
     "effect_named",
+    "every_sensor",
     "fixed_pattern",
     "glass",
     "glass_names",

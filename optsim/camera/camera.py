@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from optsim.camera.center_table import CenterTable
-from optsim.camera.glass import glass
+from optsim.camera.glass import Glass
 from optsim.camera.model import Model
 from optsim.camera.optics import Optics
 from optsim.camera.optics_config import BandpassConfig, DmdConfig, ObjectiveConfig, PrismConfig, SensorConfig, TableConfig
-from optsim.camera.prism import DEFAULT_DESIGN_POSITION_PX, Dispersion, DoubleAmici, direct_view_apex
+from optsim.camera.prism import DEFAULT_DESIGN_POSITION_PX, Dispersion
 from optsim.camera.radiometry import etendue_m2_sr
 from optsim.camera.relay import Relay
 from optsim.errors import InputError
@@ -27,12 +26,14 @@ class CameraConfig(Model):
     Args:
         prism: glasses and angles; the default design if neither it nor ``table`` is given.
         table: measured band centres, in place of the prism.
+        glass: glasses of your own, by name; they come before built-in ones of the same name.
         objective, dmd, relay, bandpass, sensor: see there.
     """
 
     place: ClassVar[str] = "camera"
     prism: PrismConfig | None = None
     table: TableConfig | None = None
+    glass: dict[str, Glass] = Field(default_factory=dict)
     objective: ObjectiveConfig = ObjectiveConfig()
     dmd: DmdConfig = DmdConfig()
     relay: Relay = Relay()
@@ -41,15 +42,23 @@ class CameraConfig(Model):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_dispersion(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or data.get("prism") is not None or data.get("table") is not None:
+    def _filled(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        own = data.get("glass")
+        if isinstance(own, dict):
+            named = {name: {**table, "name": name} if isinstance(table, dict) else table for name, table in own.items()}
+            data = {**data, "glass": named}
+        if data.get("prism") is not None or data.get("table") is not None:
             return data
         return {**data, "prism": {"design_position_px": DEFAULT_DESIGN_POSITION_PX}}
 
     @model_validator(mode="after")
-    def _not_both(self) -> CameraConfig:
+    def _consistent(self) -> CameraConfig:
         if self.prism is not None and self.table is not None:
             raise InputError("table", "given together with [prism]", "the only one of [prism] and [table]")
+        if self.prism is not None:
+            self.prism.media(self.glass)
         return self
 
     @property
@@ -58,19 +67,7 @@ class CameraConfig(Model):
         if self.table is not None:
             return CenterTable(centers_nm=self.table.centers_nm, relay=self.relay, pixel_um=self.sensor.pitch_um)
         assert self.prism is not None
-        p, outer, inner = self.prism, glass(self.prism.outer), glass(self.prism.inner)
-        apex_inner = math.radians(p.apex_inner_deg)
-        apex_outer = direct_view_apex(outer, inner, apex_inner, p.design_nm) if p.apex_outer_deg is None else math.radians(p.apex_outer_deg)
-        return DoubleAmici(
-            outer=outer,
-            inner=inner,
-            apex_outer_rad=apex_outer,
-            apex_inner_rad=apex_inner,
-            relay=self.relay,
-            pixel_um=self.sensor.pitch_um,
-            design_nm=p.design_nm,
-            design_position_px=p.design_position_px,
-        )
+        return self.prism.build(self.relay, self.sensor.pitch_um, self.glass)
 
     @property
     def optics(self) -> Optics:
@@ -91,6 +88,7 @@ class CameraConfig(Model):
             ),
             "bandpass": BandpassConfig(lower_nm=self.bandpass.lower_nm, upper_nm=self.bandpass.upper_nm),
             "sensor": SensorConfig(pitch_um=self.sensor.pitch_um, full_well_e=self.sensor.full_well_e, prnu=0.0),
+            "prism": None if self.prism is None else self.prism.model_copy(update={"fresnel": False}),
         }
         return self.model_copy(update=perfect)
 
@@ -130,4 +128,5 @@ class CameraConfig(Model):
         """Write the camera as TOML that reads back as an equal config."""
         import tomli_w
 
-        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
+        tables = self.model_dump(mode="json", exclude_none=True)
+        return tomli_w.dumps(tables if self.glass else {name: table for name, table in tables.items() if name != "glass"})

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import field_validator
 
+from optsim.camera.inverse import wavelength_at
 from optsim.camera.model import Model, ranged
-from optsim.camera.prism import DEFAULT_PIXEL_UM, _field
 from optsim.camera.relay import Relay
+from optsim.camera.stack import DEFAULT_PIXEL_UM, field_points
 from optsim.cube import PAPER_CENTERS_NM
 from optsim.errors import InputError
 
@@ -46,7 +47,7 @@ class CenterTable(Model):
     def position_px(
         self, wavelength_nm: ArrayLike, X_mm: ArrayLike = 0.0, Y_mm: ArrayLike = 0.0
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (x, y, valid) in sensor pixels; see :meth:`optsim.camera.prism.DoubleAmici.position_px`."""
+        """Return (x, y, valid) in sensor pixels; see :meth:`optsim.camera.stack.Prism.position_px`."""
         from scipy.interpolate import PchipInterpolator
 
         wavelength = np.asarray(wavelength_nm, np.float64)
@@ -59,5 +60,13 @@ class CenterTable(Model):
         end = np.where(wavelength < knots[0], slope(knots[0]), slope(knots[-1]))
         along = curve(inside) + (wavelength - inside) * end
         scale = self.magnification_px
-        x, y = np.broadcast_arrays(along + scale * _field(X_mm, "X_mm"), scale * _field(Y_mm, "Y_mm"))
+        x, y = np.broadcast_arrays(along + scale * field_points(X_mm, "X_mm"), scale * field_points(Y_mm, "Y_mm"))
         return x, y, np.ones(x.shape, bool)
+
+    def transmission(self, wavelength_nm: ArrayLike, X_mm: ArrayLike = 0.0, Y_mm: ArrayLike = 0.0) -> np.ndarray:
+        """Return 1, broadcast: a table says nothing of losses."""
+        return np.ones(np.broadcast_shapes(*(np.shape(v) for v in (wavelength_nm, X_mm, Y_mm))))
+
+    def wavelength_at(self, position_px: ArrayLike) -> np.ndarray:
+        """Return the wavelengths in nm that land at positions of the axis; see :func:`optsim.camera.inverse.wavelength_at`."""
+        return wavelength_at(self, position_px)

@@ -1,15 +1,16 @@
-"""Optical glasses: refractive index from the Sellmeier formula, inside the range it was fitted in (theory.md (C.1))."""
+"""Optical glasses: refractive index from a dispersion formula, inside the range it was fitted in (theory.md (C.1))."""
 
 from __future__ import annotations
 
 import functools
 import tomllib
+from collections.abc import Mapping
 from importlib import resources
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import field_validator
+from pydantic import field_validator, model_validator
 
 from optsim.camera.arrays import Array
 from optsim.camera.model import Model, did_you_mean
@@ -30,19 +31,21 @@ class Rational(NamedTuple):
 
 
 class Glass(Model):
-    """Describe a glass by its three-term Sellmeier formula against air.
+    """Describe a glass by its dispersion formula against air, n^2 - 1 = Sellmeier terms + power terms (theory.md (C.1)).
 
     Args:
         name: catalogue name.
-        sellmeier_b: B, dimensionless.
-        sellmeier_c_um2: C, um^2.
-        range_nm: (low, high), the wavelengths in nm that the formula was fitted in.
+        sellmeier_b: B, dimensionless, of up to 6 terms B l^2 / (l^2 - C).
+        sellmeier_c_um2: C, um^2, as many; no pole sqrt(C) inside the range.
+        power_terms: (coefficient, exponent) of terms a l^p, p even from -20 to 20, l in um.
+        range_nm: (low, high), the wavelengths in nm that the formula was fitted in; n >= 1 in all of it.
         source: where the coefficients come from.
     """
 
     name: str
-    sellmeier_b: tuple[float, float, float]
-    sellmeier_c_um2: tuple[float, float, float]
+    sellmeier_b: tuple[float, ...] = ()
+    sellmeier_c_um2: tuple[float, ...] = ()
+    power_terms: tuple[tuple[float, int], ...] = ()
     range_nm: tuple[float, float]
     source: str = ""
 
@@ -52,6 +55,29 @@ class Glass(Model):
         if not 0 < value[0] < value[1]:
             raise InputError("", value, "(low, high) with 0 < low < high, in nm")
         return value
+
+    @field_validator("power_terms")
+    @classmethod
+    def _even(cls, value: tuple[tuple[float, int], ...]) -> tuple[tuple[float, int], ...]:
+        if any(p % 2 or abs(p) > 20 for _, p in value):
+            raise InputError("", value, "(coefficient, exponent) pairs with even exponents from -20 to 20")
+        return value
+
+    @model_validator(mode="after")
+    def _physical(self) -> Glass:
+        b, c, (low, high) = self.sellmeier_b, self.sellmeier_c_um2, self.range_nm
+        if len(b) != len(c) or len(b) > 6:
+            raise InputError("sellmeier_c_um2", c, f"as many as sellmeier_b, which has {len(b)} (at most 6)")
+        for pole in c:
+            if pole > 0 and low <= 1000 * pole**0.5 <= high:
+                raise InputError("range_nm", self.range_nm, f"a range without the formula's pole at {1000 * pole**0.5:.6g} nm")
+        wavelength = np.linspace(low, high, 257)
+        bad = ~(self._excess(wavelength) >= 0)
+        if bad.any():
+            raise InputError(
+                "range_nm", self.range_nm, f"a range in which the index is at least 1; it is not at {wavelength[bad][0]:.6g} nm"
+            )
+        return self
 
     def check(self, wavelength_nm: ArrayLike) -> np.ndarray:
         """Return wavelengths as float64 if all lie in the fitted range.
@@ -72,9 +98,13 @@ class Glass(Model):
         Raises:
             InputError: field ``wavelength_nm`` outside the fitted range.
         """
-        squared = (self.check(wavelength_nm) / 1000) ** 2
-        excess = sum(b * squared / (squared - c) for b, c in zip(self.sellmeier_b, self.sellmeier_c_um2))
-        return np.sqrt(1 + excess)
+        return np.sqrt(1 + self._excess(self.check(wavelength_nm)))
+
+    def _excess(self, wavelength_nm: np.ndarray) -> np.ndarray:
+        """Sum the formula as it is printed."""
+        squared = (wavelength_nm / 1000) ** 2
+        excess = sum((b * squared / (squared - c) for b, c in zip(self.sellmeier_b, self.sellmeier_c_um2)), np.zeros_like(squared))
+        return excess + sum((a * squared ** (p // 2) for a, p in self.power_terms), np.zeros_like(squared))
 
     @property
     def abbe(self) -> float:
@@ -85,12 +115,18 @@ class Glass(Model):
     @functools.cached_property
     def rational(self) -> Rational:
         """Return the formula as one ratio of polynomials."""
-        denominator, numerator = np.poly1d([1.0]), np.poly1d([0.0])
-        for k, (b, c) in enumerate(zip(self.sellmeier_b, self.sellmeier_c_um2)):
-            denominator = denominator * np.poly1d([1.0, -c])
-            others = [np.poly1d([1.0, -other]) for j, other in enumerate(self.sellmeier_c_um2) if j != k]
-            numerator = numerator + b * others[0] * others[1]
-        return Rational(tuple(map(float, numerator.c)), tuple(map(float, denominator.c)))
+        terms = [(np.array([b]), np.array([1.0, -c])) for b, c in zip(self.sellmeier_b, self.sellmeier_c_um2)]
+        for a, p in self.power_terms:
+            shift = p // 2 - 1  # one factor l^2 stands before the ratio
+            terms.append((np.r_[a, np.zeros(max(shift, 0))], np.r_[1.0, np.zeros(max(-shift, 0))]))
+        numerator, denominator = np.zeros(1), np.ones(1)
+        for top, bottom in terms:
+            numerator = np.asarray(np.polyadd(np.convolve(numerator, bottom), np.convolve(top, denominator)), np.float64)
+            denominator = np.convolve(denominator, bottom)
+        return Rational(tuple(map(float, numerator)), tuple(map(float, denominator)))
+
+
+AIR = Glass(name="air", range_nm=(100, 1e5), source="indices of glass are against air, hence exactly 1")
 
 
 @functools.cache
@@ -102,19 +138,31 @@ def glass_names() -> tuple[str, ...]:
 
 @functools.cache
 def glass(name: str) -> Glass:
-    """Load a built-in glass by its catalogue name.
+    """Load a built-in glass by its catalogue name, or any other as ``maker:NAME`` from refractiveindex.info.
 
     Raises:
-        InputError: field ``glass`` with the names there are.
+        InputError: field ``glass`` with the names there are; it names the extra ``refractiveindex`` where that is missing.
     """
+    if ":" in name:
+        from optsim.camera.glass_database import database_glass
+
+        return database_glass(name)
     if name not in glass_names():
-        raise InputError("glass", name, f"one of {', '.join(glass_names())}{did_you_mean(name, glass_names())}")
+        form = f"one of {', '.join(glass_names())}{did_you_mean(name, glass_names())}, or MAKER:NAME as in 'schott:N-LAK8'"
+        raise InputError("glass", name, form)
     text = (resources.files("optsim") / "data" / "glass" / f"{name}.toml").read_text()
     return Glass(**tomllib.loads(text))
 
 
+def medium(name: str, own: Mapping[str, Glass] | None = None) -> Glass:
+    """Return what fills a part of a prism: ``air``, one of a user's own glasses, or see :func:`glass`."""
+    if own is not None and name in own:
+        return own[name]
+    return AIR if name == AIR.name else glass(name)
+
+
 def _horner(coefficients: tuple[float, ...], x: Array) -> Array:
-    result = coefficients[0] * x + coefficients[1]
-    for c in coefficients[2:]:
+    result: Array = coefficients[0]
+    for c in coefficients[1:]:
         result = result * x + c
     return result

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import field_validator, model_validator
+from pydantic import model_validator
 
-from optsim.camera.glass import glass
+from optsim.camera.glass import Glass, medium
 from optsim.camera.model import Model, ranged
-from optsim.camera.prism import DEFAULT_APEX_INNER_DEG, DEFAULT_PIXEL_UM, DESIGN_NM
+from optsim.camera.prism import DEFAULT_APEX_INNER_DEG, DoubleAmici, direct_view_apex
+from optsim.camera.relay import Relay
+from optsim.camera.stack import DEFAULT_PIXEL_UM, DESIGN_NM, PrismStack
 from optsim.cube import PAPER_CENTERS_NM
 from optsim.errors import InputError
 
@@ -17,27 +21,92 @@ ANGLE = ranged(-90, 90, "deg", "()")
 
 
 class PrismConfig(Model):
-    """Name the glasses and angles of a double Amici prism.
+    """Describe the prism by its apex angles (a symmetric double Amici prism) or by its faces.
 
     Args:
-        outer, inner: names of built-in glasses.
+        outer, inner: glasses of a double Amici prism; default N-FK5 and F5.
         apex_outer_deg: A1 in (-90, 90) deg; None: the one that leaves ``design_nm`` undeviated.
-        apex_inner_deg: A2 in (-90, 90) deg.
-        design_nm: wavelength in nm that leaves along the axis.
-        design_position_px: where it lands, counted from the 455 nm pixel; None: such that 455 nm lands at 0.
+        apex_inner_deg: A2 in (-90, 90) deg; default 13.1019.
+        glasses: what fills the spaces between faces, in the order of the light; "air" for a gap. In place of the four above.
+        face_tilt_deg: of each face's normal against the optical axis, one more than glasses, in (-90, 90) deg.
+        design_nm: wavelength in nm whose position is ``design_position_px``.
+        design_position_px: counted from the 455 nm pixel; None: such that 455 nm lands at 0.
+        fresnel: whether faces reflect part of the light.
+        field: false keeps the axial curve for the whole field: no smile.
+
+    Glasses are named as in the catalogue, as MAKER:NAME (refractiveindex.info), or as a table [glass.NAME] of the camera.
     """
 
-    outer: str = "N-FK5"
-    inner: str = "F5"
+    outer: str | None = None
+    inner: str | None = None
     apex_outer_deg: Annotated[float, ANGLE] | None = None
-    apex_inner_deg: Annotated[float, ANGLE] = DEFAULT_APEX_INNER_DEG
+    apex_inner_deg: Annotated[float, ANGLE] | None = None
+    glasses: tuple[str, ...] | None = None
+    face_tilt_deg: tuple[Annotated[float, ANGLE], ...] | None = None
     design_nm: Annotated[float, ranged(100, 1e4, "nm")] = DESIGN_NM
     design_position_px: Annotated[float, ranged(-1e6, 1e6, "px")] | None = None
+    fresnel: bool = True
+    field: bool = True
 
-    @field_validator("outer", "inner")
+    @model_validator(mode="before")
     @classmethod
-    def _known(cls, value: str) -> str:
-        return glass(value).name
+    def _double_amici(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("glasses") is not None or data.get("face_tilt_deg") is not None:
+            return data
+        given = {key: value for key, value in data.items() if value is not None}
+        return {"outer": "N-FK5", "inner": "F5", "apex_inner_deg": DEFAULT_APEX_INNER_DEG, **given}
+
+    @model_validator(mode="after")
+    def _one_form(self) -> PrismConfig:
+        if self.glasses is None and self.face_tilt_deg is None:
+            return self
+        if self.glasses is None or self.face_tilt_deg is None or not self.glasses or len(self.face_tilt_deg) != len(self.glasses) + 1:
+            raise InputError("face_tilt_deg", self.face_tilt_deg, "given with glasses, one more than they (at least one glass)")
+        for name in ("outer", "inner", "apex_outer_deg", "apex_inner_deg"):
+            if getattr(self, name) is not None:
+                raise InputError(name, getattr(self, name), "absent where glasses and face_tilt_deg describe the prism")
+        return self
+
+    def build(self, relay: Relay, pixel_um: float, own: Mapping[str, Glass]) -> DoubleAmici | PrismStack:
+        """Return the prism between these lenses; ``own`` are the camera's [glass.NAME] tables.
+
+        Raises:
+            InputError: see :meth:`media`, or what the prism finds.
+        """
+        shared = {
+            "relay": relay,
+            "pixel_um": pixel_um,
+            "design_nm": self.design_nm,
+            "design_position_px": self.design_position_px,
+            "fresnel": self.fresnel,
+            "field": self.field,
+        }
+        media = self.media(own)
+        if self.face_tilt_deg is not None:
+            return PrismStack(glasses=media, face_tilt_rad=tuple(math.radians(t) for t in self.face_tilt_deg), **shared)
+        assert self.apex_inner_deg is not None
+        apex_inner = math.radians(self.apex_inner_deg)
+        direct = self.apex_outer_deg is None
+        outer, inner = media
+        apex_outer = direct_view_apex(outer, inner, apex_inner, self.design_nm) if direct else math.radians(self.apex_outer_deg or 0.0)
+        return DoubleAmici(outer=outer, inner=inner, apex_outer_rad=apex_outer, apex_inner_rad=apex_inner, **shared)
+
+    def media(self, own: Mapping[str, Glass]) -> tuple[Glass, ...]:
+        """Look up the glasses: (outer, inner), or those of the spaces between faces.
+
+        Raises:
+            InputError: ``prism.outer.glass`` and the like for an unknown name.
+        """
+        places = (
+            {"outer": self.outer, "inner": self.inner} if self.glasses is None else {f"glasses.{i}": n for i, n in enumerate(self.glasses)}
+        )
+        found = []
+        for place, name in places.items():
+            try:
+                found.append(medium(str(name), own))
+            except InputError as error:
+                raise InputError(f"prism.{place}.{error.field}", error.value, error.allowed) from None
+        return tuple(found)
 
 
 class TableConfig(Model):

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Annotated, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optsim.camera.arrays import NUMPY, Array, Kernels, Ops
+from optsim.camera.arrays import Array
 from optsim.camera.glass import Glass, glass
-from optsim.camera.model import Model, ranged
-from optsim.camera.relay import Relay
-from optsim.camera.trace import Traced, image_point, trace_faces
+from optsim.camera.model import ranged
+from optsim.camera.stack import DESIGN_NM, Prism, StackValues
 from optsim.errors import InputError
 
-DESIGN_NM = 550.0
 DEFAULT_APEX_INNER_DEG = 13.1019
 DEFAULT_DESIGN_POSITION_PX = 14.5451
-DEFAULT_PIXEL_UM = 9.9
-FIRST_BAND_NM = 455.0
-"""Position 0 is the centre of the pixel of this band (Rueda, Lau, Arce 2015, section 4)."""
 
 
 @runtime_checkable
 class Dispersion(Protocol):
-    """Say where the light of a mirror lands on the sensor."""
+    """Say where the light of a mirror lands on the sensor, and how much of it."""
 
     @property
     def magnification_px(self) -> float:
@@ -36,9 +31,15 @@ class Dispersion(Protocol):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (x, y, valid), broadcast: the position in sensor pixels of the light of field point (X, Y)."""
 
+    def transmission(self, wavelength_nm: ArrayLike, X_mm: ArrayLike = 0.0, Y_mm: ArrayLike = 0.0) -> np.ndarray:
+        """Return the share of light that is passed, in [0, 1], broadcast: 1 where not modelled, 0 where lost."""
+
+    def wavelength_at(self, position_px: ArrayLike) -> np.ndarray:
+        """Return the wavelengths in nm that land at positions of the axis (X = Y = 0)."""
+
 
 class PrismValues(NamedTuple):
-    """Hold the numbers of a prism between two lenses; any of them may be an array that carries gradients."""
+    """Hold the numbers of a double Amici prism between two lenses; any of them may be an array that carries gradients."""
 
     apex_outer_rad: Array
     apex_inner_rad: Array
@@ -46,7 +47,7 @@ class PrismValues(NamedTuple):
     focal_mm: Array
 
 
-class DoubleAmici(Model):
+class DoubleAmici(Prism):
     """A symmetric double Amici prism in the collimated light of a relay (theory.md (C.3) to (C.6)).
 
     Face normals are tilted by (A1 - A2/2, -A2/2, A2/2, A2/2 - A1) against the optical axis. Red lands at larger x.
@@ -54,21 +55,12 @@ class DoubleAmici(Model):
     Args:
         outer, inner: glasses of the two outer wedges and of the middle one.
         apex_outer_rad, apex_inner_rad: A1 and A2, in (-pi/2, pi/2) rad.
-        relay: the lenses.
-        pixel_um: the sensor's pitch, in (0, 1e4] um.
-        design_nm: the wavelength whose position is ``design_position_px``.
-        design_position_px: see there; None places 455 nm at position 0.
     """
 
-    place: ClassVar[str] = "prism"
     outer: Glass
     inner: Glass
     apex_outer_rad: Annotated[float, ranged(-math.pi / 2, math.pi / 2, "rad", "()")]
     apex_inner_rad: Annotated[float, ranged(-math.pi / 2, math.pi / 2, "rad", "()")]
-    relay: Relay = Relay()
-    pixel_um: Annotated[float, ranged(0, 1e4, "um", "(]")] = DEFAULT_PIXEL_UM
-    design_nm: Annotated[float, ranged(100, 1e4, "nm")] = DESIGN_NM
-    design_position_px: Annotated[float, ranged(-1e6, 1e6, "px")] | None = None
 
     @classmethod
     def default(cls) -> DoubleAmici:
@@ -79,81 +71,19 @@ class DoubleAmici(Model):
         return cls(outer=outer, inner=inner, apex_outer_rad=a1, apex_inner_rad=a2, design_position_px=DEFAULT_DESIGN_POSITION_PX)
 
     @property
-    def magnification_px(self) -> float:
-        """Return sensor pixels per mm at the mirrors."""
-        return self.relay.magnification * 1000 / self.pixel_um
+    def media(self) -> tuple[Glass, ...]:
+        """Return outer, inner, outer."""
+        return self.outer, self.inner, self.outer
 
     @property
     def values(self) -> PrismValues:
         """Return the parameters as plain numbers."""
         return PrismValues(self.apex_outer_rad, self.apex_inner_rad, self.relay.collimator_mm, self.relay.focal_mm)
 
-    def opaque_values(self, kernels: Kernels, kind: Array) -> PrismValues:
-        """Return the parameters as Dr.Jit inputs of one type: new values reuse the compiled kernel, gradients may be enabled."""
-        return PrismValues(*(kernels.opaque(kind, value) for value in self.values))
-
-    @property
-    def origin_px(self) -> float:
-        """Return the position of a ray that leaves along the optical axis."""
-        if self.design_position_px is not None:
-            return self.design_position_px - self._raw_px(self.design_nm)
-        return -self._raw_px(FIRST_BAND_NM)
-
-    def position_px(
-        self, wavelength_nm: ArrayLike, X_mm: ArrayLike = 0.0, Y_mm: ArrayLike = 0.0
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return where light of a field point lands, in sensor pixels, by the exact trace in float64.
-
-        Args:
-            wavelength_nm: in both glasses' ranges, any shape; broadcast with X and Y.
-            X_mm, Y_mm: the point at the mirrors, counted along its image, in mm.
-
-        Returns:
-            (x, y, valid): x = 0 is the 455 nm pixel of X = 0, red positive; (0, 0, False) where no light leaves.
-
-        Raises:
-            InputError: field ``wavelength_nm`` or ``X_mm``.
-        """
-        X, Y = _field(X_mm, "X_mm"), _field(Y_mm, "Y_mm")
-        x_mm, y_mm, valid = self.trace(NUMPY, self._checked(wavelength_nm), X, Y, self.values)
-        x, y, valid = np.broadcast_arrays(x_mm, y_mm, valid)
-        scale = 1000 / self.pixel_um
-        return np.where(valid, x * scale + self.origin_px, 0.0), y * scale, valid
-
-    def trace(self, ops: Ops, wavelength_nm: Array, X_mm: Array, Y_mm: Array, values: PrismValues) -> tuple[Array, Array, Array]:
-        """Return (x, y, valid) at the sensor in mm from the optical axis, on NumPy or Dr.Jit arrays; wavelengths are not checked."""
-        traced = self.directions(ops, wavelength_nm, X_mm, Y_mm, values)
-        x, y = image_point(ops, traced, Y_mm, values.focal_mm)
-        return x, y, traced.valid
-
-    def directions(self, ops: Ops, wavelength_nm: Array, X_mm: Array, Y_mm: Array, values: PrismValues) -> Traced:
-        """Return the wave vectors behind the prism; k_y stays Y (theory.md (C.4))."""
-        squared_um = wavelength_nm * wavelength_nm * 1e-6
-        outer, inner = self.outer.rational.excess(squared_um), self.inner.rational.excess(squared_um)
+    def unfold(self, values: PrismValues) -> StackValues:
+        """Return the tilts of the four faces."""
         first, half = values.apex_outer_rad, values.apex_inner_rad / 2
-        tilts = [(ops.sin(t), ops.cos(t)) for t in (first - half, -half, half, half - first)]
-        norm2 = X_mm * X_mm + Y_mm * Y_mm + values.collimator_mm * values.collimator_mm
-        return trace_faces(ops, X_mm, values.collimator_mm, norm2, tilts, (outer, inner, outer, 0.0))
-
-    def why_lost(self, wavelength_nm: float, X_mm: float = 0.0, Y_mm: float = 0.0) -> str | None:
-        """Say in a sentence why a ray does not reach the sensor; None when it does."""
-        traced = self.directions(NUMPY, self._checked(wavelength_nm), _field(X_mm, "X_mm"), _field(Y_mm, "Y_mm"), self.values)
-        if traced.valid:
-            return None
-        if not traced.met:
-            return "the ray runs along a face of the prism or meets it from behind"
-        return "total reflection at a face of the prism"
-
-    def _checked(self, wavelength_nm: ArrayLike) -> np.ndarray:
-        return self.inner.check(self.outer.check(wavelength_nm))
-
-    def _raw_px(self, wavelength_nm: float) -> float:
-        x, _, valid = self.trace(NUMPY, self._checked(wavelength_nm), 0.0, 0.0, self.values)
-        if not valid:
-            raise InputError(
-                "prism.apex", (self.apex_outer_rad, self.apex_inner_rad), f"angles in rad at which {wavelength_nm:g} nm passes the prism"
-            )
-        return float(x) * 1000 / self.pixel_um
+        return StackValues((first - half, -half, half, half - first), (0.0, 0.0, 0.0), values.collimator_mm, values.focal_mm)
 
 
 def direct_view_apex(outer: Glass, inner: Glass, apex_inner_rad: float, design_nm: float) -> float:
@@ -175,10 +105,3 @@ def direct_view_apex(outer: Glass, inner: Glass, apex_inner_rad: float, design_n
         return half
     tilt = math.atan2(math.sin(turn), math.cos(turn) - 1 / n1)
     return tilt + half
-
-
-def _field(value: ArrayLike, name: str) -> np.ndarray:
-    array = np.asarray(value, np.float64)
-    if not np.all(np.isfinite(array)) or np.any(np.abs(array) > 1e6):
-        raise InputError(name, value, "finite, within +-1e6 mm")
-    return array

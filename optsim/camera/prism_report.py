@@ -8,39 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsim.camera.inverse import wavelength_at
 from optsim.camera.prism import Dispersion, DoubleAmici
 from optsim.cube import PAPER_CENTERS_NM
 from optsim.errors import InputError
 
-SEARCH_NM = (380.0, 780.0)
 REPORT_NM = np.arange(450.0, 671.0)
-
-
-def wavelength_at(dispersion: Dispersion, position_px: ArrayLike) -> np.ndarray:
-    """Return the wavelengths in nm that land at given positions of the axis (X = Y = 0), by bisection to 1e-10 nm.
-
-    Raises:
-        InputError: field ``prism`` when the dispersion folds over, or does not reach a position within 380-780 nm.
-    """
-    target = np.atleast_1d(np.asarray(position_px, np.float64))
-    grid = np.linspace(*SEARCH_NM, 801)
-    x, _, valid = dispersion.position_px(grid)
-    grid, x = grid[valid], x[valid]
-    if grid.size < 2 or np.any(np.diff(x) <= 0):
-        raise InputError(
-            "prism", "a dispersion that is not increasing", f"increasing with wavelength over {SEARCH_NM[0]:g}-{SEARCH_NM[1]:g} nm"
-        )
-    if target.min() < x[0] or target.max() > x[-1]:
-        raise InputError(
-            "prism", (float(x[0]), float(x[-1])), f"a dispersion that reaches px {target.min():g} to {target.max():g} within {SEARCH_NM} nm"
-        )
-    left = np.clip(np.searchsorted(x, target, side="right") - 1, 0, grid.size - 2)
-    low, high = grid[left], grid[left + 1]
-    for _ in range(40):
-        middle = (low + high) / 2
-        below = dispersion.position_px(middle)[0] <= target
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return ((low + high) / 2).reshape(np.shape(position_px))
 
 
 def prism_report(dispersion: Dispersion | None = None, wavelength_nm: ArrayLike | None = None) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Trace rays through plane faces exactly, on NumPy or Dr.Jit arrays (theory.md (C.3), (C.4))."""
+"""Trace rays through plane faces exactly, on NumPy or Dr.Jit arrays (theory.md (C.3), (C.4), (C.19))."""
 
 from __future__ import annotations
 
@@ -23,6 +23,17 @@ class Traced(NamedTuple):
     met: Array
 
 
+class _Face(NamedTuple):
+    """Hold the ray behind a face, and the parts of the wave vector along the normal before (a) and behind (r) it."""
+
+    kx: Array
+    kz: Array
+    valid: Array
+    met: Array
+    along: Array
+    root: Array
+
+
 def trace_faces(ops: Ops, kx: Array, kz: Array, norm2: Array, tilts: Sequence[tuple[Array, Array]], excess: Sequence[Array]) -> Traced:
     """Refract wave vectors at a stack of plane faces whose normals lie in the x-z plane (theory.md (C.3)).
 
@@ -39,15 +50,52 @@ def trace_faces(ops: Ops, kx: Array, kz: Array, norm2: Array, tilts: Sequence[tu
         excess: n^2 - 1 behind each face, as many as faces.
     """
     before: Array = 0.0
-    valid = met = kz > 0
-    for (s, c), after in zip(tilts, excess, strict=True):
-        along = kx * s + kz * c
-        radicand = (after - before) * norm2 + along * along
-        met = met & (along > 0)
-        valid = valid & (along > 0) & (radicand > 0)
-        gain = ops.where(valid, ops.sqrt(ops.where(valid, radicand, 1.0)) - along, 0.0)
-        kx, kz, before = kx + gain * s, kz + gain * c, after
-    return Traced(kx, kz, valid & (kz > 0), met)
+    ray = _start(kx, kz)
+    for tilt, after in zip(tilts, excess, strict=True):
+        ray, before = _refract(ops, ray, tilt, (after - before) * norm2), after
+    return Traced(ray.kx, ray.kz, ray.valid & (ray.kz > 0), ray.met)
+
+
+def transmit_faces(
+    ops: Ops, kx: Array, kz: Array, norm2: Array, tilts: Sequence[tuple[Array, Array]], excess: Sequence[Array]
+) -> Array:  # fmt: skip
+    """Return the share of unpolarised light that passes a stack of faces, (n,) in [0, 1], 0 for lost rays (theory.md (C.19)).
+
+    Fresnel's formulas for each polarisation, multiplied over the faces, averaged at the end; light that is reflected
+    twice and goes on is stray light and not counted. s and p do not mix as long as the ray stays near the x-z plane.
+
+    Args:
+        ops, kx, kz, norm2, tilts, excess: see :func:`trace_faces`.
+    """
+    before: Array = 0.0
+    ray = _start(kx, kz)
+    s: Array = 1.0
+    p: Array = 1.0
+    for tilt, after in zip(tilts, excess, strict=True):
+        ray = _refract(ops, ray, tilt, (after - before) * norm2)
+        a, r = ops.where(ray.valid, ray.along, 1.0), ops.where(ray.valid, ray.root, 1.0)
+        a_p, r_p = (1 + after) * a, (1 + before) * r
+        s = s * (4 * a * r / ((a + r) * (a + r)))
+        p = p * (4 * a_p * r_p / ((a_p + r_p) * (a_p + r_p)))
+        before = after
+    return ops.where(ray.valid & (ray.kz > 0), (s + p) / 2, 0.0)
+
+
+def _start(kx: Array, kz: Array) -> _Face:
+    forward = kz > 0
+    return _Face(kx, kz, forward, forward, kz, kz)
+
+
+def _refract(ops: Ops, ray: _Face, tilt: tuple[Array, Array], step: Array) -> _Face:
+    """Refract at one face; ``step`` is (n'^2 - n^2) k_0^2."""
+    s, c = tilt
+    along = ray.kx * s + ray.kz * c
+    radicand = step + along * along
+    met = ray.met & (along > 0)
+    valid = ray.valid & (along > 0) & (radicand > 0)
+    root = ops.sqrt(ops.where(valid, radicand, 1.0))
+    gain = ops.where(valid, root - along, 0.0)
+    return _Face(ray.kx + gain * s, ray.kz + gain * c, valid, met, along, root)
 
 
 def image_point(ops: Ops, traced: Traced, ky: Array, focal: Array) -> tuple[Array, Array]:
