@@ -14,7 +14,7 @@ import numpy as np
 
 from optsim.camera import effect_sizes as sizes
 from optsim.camera.camera import CameraConfig
-from optsim.camera.effect_sizes import Size
+from optsim.camera.effect_sizes import Size, View
 from optsim.cube import Bands
 from optsim.errors import InputError
 
@@ -29,7 +29,7 @@ class Effect:
         name: as the command line calls it.
         what: what it is, in half a sentence.
         nothing: the values at which its facts do nothing, by table and field of the camera file.
-        measure: ``(camera, bands, (rows, columns) of mirrors) -> Size``.
+        measure: its size in a camera, compared with the camera without it.
         rests_on: names of effects without which it is nothing.
         possible: whether the rest of the camera lets it occur at all.
     """
@@ -37,7 +37,7 @@ class Effect:
     name: str
     what: str
     nothing: Mapping[str, Mapping[str, Any]]
-    measure: Callable[[CameraConfig, Bands, tuple[int, int]], Size]
+    measure: Callable[[View], Size]
     rests_on: tuple[str, ...] = ()
     possible: Callable[[CameraConfig], bool] = lambda camera: True
 
@@ -63,20 +63,20 @@ class Effect:
 
     def size(self, camera: CameraConfig, bands: Bands, field: tuple[int, int] = PAPER_FIELD) -> Size:
         """Return how far it moves light, at most over the field, and the share of light that is wrong without it; zeros when absent."""
-        return self.measure(camera, bands, field) if self.present(camera) else Size(0.0, 0.0)
+        return self.measure(View(camera, self.ideal(camera), bands, field)) if self.present(camera) else Size(0.0, 0.0)
 
 
 EFFECTS: tuple[Effect, ...] = (
     Effect("diffraction", "the relay's aperture blurs: an Airy pattern", {"relay": {"diffraction": False}}, sizes.diffraction),
-    Effect("defocus", "the sensor stands off the focus: a disc", {"relay": {"defocus_mm": 0.0}}, sizes.defocus),
-    Effect("distortion", "the relay's magnification changes with the field", {"relay": {"distortion_per_mm2": 0.0}}, sizes.distortion),
-    Effect("converging", "the prism stands in a converging beam", {"relay": {"converging": False}}, sizes.converging),
-    Effect("tilt", "tilted mirrors are imaged anamorphic and with keystone", {"dmd": {"tilt_deg": 0.0}}, sizes.tilt),
+    Effect("defocus", "the sensor stands off the focus: a disc", {"relay": {"defocus_mm": 0.0}}, sizes.geometry),
+    Effect("distortion", "the relay's magnification changes with the field", {"relay": {"distortion_per_mm2": 0.0}}, sizes.geometry),
+    Effect("converging", "the prism stands in a converging beam", {"relay": {"converging": False}}, sizes.geometry),
+    Effect("tilt", "tilted mirrors are imaged anamorphic and with keystone", {"dmd": {"tilt_deg": 0.0}}, sizes.geometry),
     Effect(
         "tilt-defocus",
         "tilted mirrors are out of focus towards the corners",
         {"relay": {"scheimpflug": True}},
-        sizes.tilt_defocus,
+        sizes.geometry,
         rests_on=("tilt",),
         possible=lambda camera: camera.dmd.tilt_deg != 0,
     ),
@@ -84,8 +84,16 @@ EFFECTS: tuple[Effect, ...] = (
         "registration",
         "the mirrors' image is displaced, turned or scaled on the sensor",
         {"dmd": {"offset_x_px": 0.0, "offset_y_px": 0.0, "rotation_deg": 0.0, "scale": 1.0}},
-        sizes.registration,
+        sizes.geometry,
     ),
+    Effect(
+        "smile",
+        "the field bends and stretches the spectrum: smile and the prism's own anamorphism",
+        {"prism": {"field": False}},
+        sizes.geometry,
+        possible=lambda camera: not camera.relay.converging,
+    ),
+    Effect("fresnel", "the prism's faces reflect a part of the light", {"prism": {"fresnel": False}}, sizes.fresnel),
     Effect("leak", "mirrors that are off pass some light", {"dmd": {"leak": 0.0}}, sizes.leak),
     Effect("defects", "some mirrors are always off or always on", {"dmd": {"dead_share": 0.0, "stuck_share": 0.0}}, sizes.defects),
     Effect("band-pass edges", "the band-pass filter has flanks", {"bandpass": {"edge_nm": 0.0}}, sizes.edges),
