@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, InstanceOf, model_validator
 
 from scenes.errors import InputError
-from scenes.lights import LIGHTS, AreaLight, ConstantSky, DirectionalLight, GradientSky, Light, PointLight
+from scenes.lights import LIGHTS, SKIES, AreaLight, ConstantSky, DirectionalLight, GradientSky, Light, PointLight
 from scenes.materials import Conductor, Dielectric, Diffuse, Lambertian, Material, RoughPlastic
 from scenes.model import Model, did_you_mean
 from scenes.shapes import SHAPES, Box, Mesh, Name, Rectangle, Shape, Sphere
@@ -25,6 +25,7 @@ __all__ = [
 MATERIALS: tuple[type[Material], ...] = (Diffuse, Textured, Dielectric, RoughPlastic, Conductor)
 """Every material a scene may use."""
 MAX_SHAPES = 100_000
+MAX_SKIES = 16
 
 
 class Scene(Model):
@@ -74,6 +75,8 @@ class Scene(Model):
         skies = sum(isinstance(light, ConstantSky) for light in self.lights)
         if skies > 1:
             raise InputError("lights", skies, "at most one constant sky")
+        if sum(isinstance(light, SKIES) for light in self.lights) > MAX_SKIES:
+            raise InputError("lights", len(self.lights), f"at most {MAX_SKIES} skies")
         return self
 
     def material_of(self, shape: Shape) -> Material:

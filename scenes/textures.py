@@ -34,7 +34,7 @@ def _weights(value: Any) -> np.ndarray:
 
 
 class Textured(Lambertian):
-    """A Lambertian picture on a rectangle: in each texel a mixture of a few reflectances (theory.md (R.31)).
+    """A Lambertian picture on a rectangle: in each texel a mixture of a few reflectances (theory.md (R.32)).
 
     Texels are squares of constant reflectance; row 0 is at the far end of half_v, column 0 at the near end of half_u, as a
     picture on the front of a rectangle is seen with half_u to the right and half_v up. Weights are not negative and add

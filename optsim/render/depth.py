@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from scenes.materials import Diffuse
+from scenes.materials import Lambertian
 from scenes.scene import Scene
 
 MAX_DEPTH = 1024
@@ -17,9 +17,9 @@ def depth_for(scene: Scene, once: bool, tolerance: float) -> int:
     """
     if once:
         return 2
-    largest = max((m.reflectance.maximum for m in scene.materials.values() if isinstance(m, Diffuse)), default=1.0)
+    largest = max((m.largest for m in scene.materials.values() if isinstance(m, Lambertian)), default=1.0)
     if largest <= 0:
         return 2
-    if largest >= 1 or not all(isinstance(scene.material_of(shape), Diffuse) for shape in scene.shapes):
+    if largest >= 1 or not all(isinstance(scene.material_of(shape), Lambertian) for shape in scene.shapes):
         return MAX_DEPTH
     return int(min(MAX_DEPTH, max(3, math.ceil(math.log(tolerance / 10) / math.log(largest)))))

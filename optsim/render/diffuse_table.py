@@ -12,6 +12,7 @@ from optsim.render.bundle import AllNodes
 from optsim.render.engine import dr, mi
 from optsim.render.materials import DIFFUSE, MaterialTable
 from optsim.render.sampling import FirstNumbers
+from optsim.render.sky import SkyShape
 
 ROULETTE_FROM = 4
 """Number of reflections after which paths are ended at random."""
@@ -38,10 +39,11 @@ class DiffuseTable:
         table: reflectances; their largest values end paths at random, so that paths do not depend on the nodes chosen.
         max_depth: emission plus at most max_depth - 1 reflections.
         search: how light is looked for.
+        sky: how the sky's light depends on the direction.
     """
 
-    def __init__(self, scene: Any, table: MaterialTable, max_depth: int, search: LightSearch) -> None:
-        self.scene, self.table, self.search = scene, table, search
+    def __init__(self, scene: Any, table: MaterialTable, max_depth: int, search: LightSearch, sky: SkyShape) -> None:
+        self.scene, self.table, self.search, self.sky = scene, table, search, sky
         self.bundle = AllNodes(table)
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
 
@@ -70,7 +72,7 @@ class DiffuseTable:
             si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal, coherent=(depth == 0))
             si.sh_frame = mi.Frame3f(si.n)
             si.wi = dr.select(si.is_valid(), si.to_local(-ray.d), -ray.d)
-            glow = self._glow(si, before, density, depth, active)
+            glow = self._glow(si, before, density, depth, active) * self.sky.met(si, ray.d)
             lit = active & si.is_valid() & (dr.dot(si.n, ray.d) < 0)
             row = table.row(si, lit)
             more = lit & (table.kind(row, lit) == DIFFUSE) & ((depth + 1) < self.max_depth)
@@ -115,7 +117,7 @@ class DiffuseTable:
         ok = active & (sample.pdf != 0) & (cosine > 0)
         density = cosine * dr.inv_pi
         share = dr.select(sample.delta, 1, power_share(sample.pdf, density)) if self.search.hit else 1
-        return dr.select(ok, density * emission[0] * share, 0)
+        return dr.select(ok, density * emission[0] * share * self.sky.sampled(sample), 0)
 
     def _useful(self, depth: Any) -> Any:
         """Tell whether a ray that has been reflected ``depth`` times can still bring light home."""

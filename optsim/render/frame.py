@@ -12,7 +12,7 @@ import numpy as np
 
 from scenes.lights import AreaLight
 from scenes.scene import Scene
-from scenes.viewpoint import Orthographic, Perspective
+from scenes.viewpoint import Orthographic, Perspective, ThinLens
 
 SMALLEST_VIEW = 1e-3
 """The unit is never below this share of the scene's half diagonal: float32 then still resolves the far end."""
@@ -51,7 +51,7 @@ def frame_of(scene: Scene) -> Frame:
     if isinstance(view, Orthographic):
         seen = view.half_height
     else:
-        assert isinstance(view, Perspective)
+        assert isinstance(view, Perspective | ThinLens)
         seen = distance * float(np.tan(np.deg2rad(view.fov_deg) / 2))
     return Frame(origin, max(min(seen, half), SMALLEST_VIEW * half))
 
@@ -59,7 +59,10 @@ def frame_of(scene: Scene) -> Frame:
 @dataclass(frozen=True)
 class CameraRays:
     """Linear ray generation: the ray through (a, b) in [-1, 1]^2 starts at start + a start_a + b start_b and runs along
-    forward + a turn_a + b turn_b; a grows to the right, b downwards. Renderer coordinates."""
+    forward + a turn_a + b turn_b; a grows to the right, b downwards. Renderer coordinates.
+
+    Through the place (x, y) on a lens, in its radii, it starts start_lens (x right + y up) further on and turns by turn_lens times that
+    (theory.md (R.33)); both are None for a pinhole."""
 
     start: np.ndarray
     start_a: np.ndarray
@@ -67,6 +70,15 @@ class CameraRays:
     forward: np.ndarray
     turn_a: np.ndarray
     turn_b: np.ndarray
+    right: np.ndarray
+    up: np.ndarray
+    start_lens: float | None = None
+    turn_lens: float | None = None
+
+    @property
+    def has_lens(self) -> bool:
+        """Tell whether rays start all over a lens."""
+        return self.start_lens is not None
 
 
 def camera_rays(scene: Scene, frame: Frame, height: int, width: int) -> CameraRays:
@@ -88,8 +100,12 @@ def camera_rays(scene: Scene, frame: Frame, height: int, width: int) -> CameraRa
     zero = np.zeros(3)
     if isinstance(view, Orthographic):
         half = view.half_height / frame.unit
-        return CameraRays(eye + skip * forward, right * half * aspect, -up * half, forward, zero, zero)
-    assert isinstance(view, Perspective)
+        return CameraRays(eye + skip * forward, right * half * aspect, -up * half, forward, zero, zero, right, up)
+    assert isinstance(view, Perspective | ThinLens)
     tangent = float(np.tan(np.deg2rad(view.fov_deg) / 2))
     turn_a, turn_b = right * tangent * aspect, -up * tangent
-    return CameraRays(eye + skip * forward, skip * turn_a, skip * turn_b, forward, turn_a, turn_b)
+    lens: tuple[float, ...] = ()
+    if isinstance(view, ThinLens):
+        radius, focus = view.aperture_m / frame.unit, view.distance_m / frame.unit
+        lens = (radius * (1 - skip / focus), -radius / focus)
+    return CameraRays(eye + skip * forward, skip * turn_a, skip * turn_b, forward, turn_a, turn_b, right, up, *lens)

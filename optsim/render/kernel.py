@@ -63,6 +63,26 @@ def trace(integrator: Integrator, rays: CameraRays, size: tuple[int, int], sampl
     return total, cut / (samples * height * width)
 
 
+class _Lens:
+    """Displace and turn rays by their place on the camera's lens."""
+
+    def __init__(self, rays: CameraRays) -> None:
+        self._has_lens = rays.has_lens
+        self._axes = [
+            mi.Vector3f(*[dr.opaque(mi.Float, float(x)) for x in (factor or 0.0) * axis])
+            for factor in (rays.start_lens, rays.turn_lens)
+            for axis in (rays.right, rays.up)
+        ]
+
+    def moves(self, place: list[Any]) -> tuple[Any, Any]:
+        """Return what to add to origin and direction, for two numbers in [0, 1); nothing for a pinhole."""
+        if not self._has_lens:
+            return mi.Vector3f(0), mi.Vector3f(0)
+        disc = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(place[0], place[1]))
+        right, up, turn_right, turn_up = self._axes
+        return disc.x * right + disc.y * up, disc.x * turn_right + disc.y * turn_up
+
+
 @dr.syntax
 def _launch(
     integrator: Any, rays: Any, size: Any, pixels: slice, samples: tuple[int, int], shift: tuple[int, int], words: tuple[int, int]
@@ -74,21 +94,24 @@ def _launch(
     lane = thread // dr.opaque(mi.UInt32, count)
     pixel = thread - lane * dr.opaque(mi.UInt32, count) + dr.opaque(mi.UInt32, pixels.start)
     column, row = mi.Float(pixel % width), mi.Float(pixel // width)
-    sampler = PathSampler(pixel, shift, words)
+    sampler = PathSampler(pixel, shift, words, rays.has_lens)
     stream = sampler.stream
     start, start_a, start_b, forward, turn_a, turn_b = (
         mi.Vector3f(*[dr.opaque(mi.Float, float(x)) for x in getattr(rays, name)])
         for name in ("start", "start_a", "start_b", "forward", "turn_a", "turn_b")
     )
+    lens = _Lens(rays)
     sums = [bundle.dark() for _ in range(bundle.groups)]
     cut = mi.Float(0)
     index = dr.opaque(mi.UInt32, samples[0])
     stop = dr.opaque(mi.UInt32, samples[0] + samples[1])
     while index < stop:
-        x, y, numbers = sampler.first(index)
+        x, y, numbers, place = sampler.first(index)
         a = 2 * (column + x) / mi.Float(width) - 1
         b = 2 * (row + y) / mi.Float(height) - 1
-        ray = mi.Ray3f(mi.Point3f(start + a * start_a + b * start_b), dr.normalize(forward + a * turn_a + b * turn_b))
+        from_lens, turned = lens.moves(place)
+        origin, toward = start + a * start_a + b * start_b + from_lens, forward + a * turn_a + b * turn_b + turned
+        ray = mi.Ray3f(mi.Point3f(origin), dr.normalize(toward))
         light, lost = integrator.radiance(ray, stream, numbers, lane)
         for g in range(bundle.groups):
             sums[g] += light[g]

@@ -7,56 +7,79 @@ from typing import Any
 import numpy as np
 
 from optsim.render.engine import dr, mi
+from optsim.render.frame import Frame
+from optsim.render.textures import TextureFrames
 from optsim.render.translate import material_number, shape_handle
 from scenes.materials import Dielectric, Diffuse
 from scenes.scene import Scene
+from scenes.textures import Textured
 from scenes.visibility import used_materials
 
 BLACK, DIFFUSE, GLASS, OTHER = 0, 1, 2, 3
+MAX_TABLE_VALUES = 2**28
+"""Texels x nodes of one kernel's table: 1 GiB in float32."""
+
+
+def rows_of(scene: Scene) -> int:
+    """Return the rows of a scene's table: one a material, one a texel, and a black one."""
+    textures = [m for m in used_materials(scene).values() if isinstance(m, Textured)]
+    return len(scene.materials) + 1 + sum(m.size[0] * m.size[1] for m in textures)
 
 
 class MaterialTable:
-    """Hold what a kernel needs to know of each material, at some of the nodes.
+    """Hold what a kernel needs to know of each material, at some of the nodes; a texel counts as a material of its own.
 
     Args:
         scene: whose materials.
+        frame: renderer coordinates.
         engine: the Mitsuba scene made of it by :func:`optsim.render.translate.load`.
         nodes_nm: (n,) all nodes of the transport.
         first: number of the first node of this table.
         count: how many nodes from there.
     """
 
-    def __init__(self, scene: Scene, engine: Any, nodes_nm: np.ndarray, first: int, count: int) -> None:
+    def __init__(self, scene: Scene, frame: Frame, engine: Any, nodes_nm: np.ndarray, first: int, count: int) -> None:
         self.first, self.nodes = first, count
         self.groups = (count + 3) // 4
-        rows = len(scene.materials) + 1  # the last row is black: lights
-        values = np.zeros((rows, 4 * self.groups))
-        largest, kind = np.zeros(rows), np.full(rows, BLACK)
-        index = np.ones((rows, 4 * self.groups))
+        black, rows = len(scene.materials), rows_of(scene)  # after the materials a black row, for lights; then the texels
+        values = np.zeros((rows, 4 * self.groups), np.float32)
+        largest, kind = np.zeros(rows, np.float32), np.full(rows, BLACK, np.uint32)
+        index = np.ones((black + 1, 4 * self.groups), np.float32)
         nodes = nodes_nm[first : first + count]
         used = used_materials(scene)
+        texels: dict[int, int] = {}
+        after = black + 1
         for i, (name, material) in enumerate(scene.materials.items()):
             if name not in used:
                 continue
             if isinstance(material, Diffuse):
                 values[i, :count] = material.reflectance.at(nodes)
-                largest[i] = material.reflectance.maximum
+                largest[i] = material.largest
                 kind[i] = DIFFUSE if largest[i] > 0 else BLACK
+            elif isinstance(material, Textured):
+                texels[i] = after
+                own = slice(after, after := after + material.size[0] * material.size[1])
+                weights = material.weights.reshape(-1, len(material.basis)).astype(np.float64)
+                values[own, :count] = np.clip(weights @ material.table(nodes), 0, 1)
+                largest[own] = np.minimum(weights @ np.array([s.maximum for s in material.basis]), 1)
+                kind[own] = np.where(largest[own] > 0, DIFFUSE, BLACK)
             elif isinstance(material, Dielectric):
                 kind[i], index[i, :count] = GLASS, material.index_at(nodes)
             else:
                 kind[i] = OTHER
         self.has_glass, self.has_other = GLASS in kind, OTHER in kind
-        self._values = mi.Float(values.astype(np.float32).ravel())
-        self._largest = mi.Float(largest.astype(np.float32))
-        self._kind = mi.UInt32(kind.astype(np.uint32))
-        self._index = mi.Float(index.astype(np.float32).ravel())
-        self._rows = mi.UInt32(_rows_by_handle(engine, rows - 1))
+        self._values = mi.Float(values.ravel())
+        self._largest = mi.Float(largest)
+        self._kind = mi.UInt32(kind)
+        self._index = mi.Float(index.ravel())
+        self._rows = mi.UInt32(_rows_by_handle(engine, black))
+        self._textures = TextureFrames(scene, frame, engine, texels) if texels else None
 
     def row(self, si: Any, active: Any) -> Any:
-        """Return the row of the material hit."""
+        """Return the row of the material, or of the texel, hit."""
         handle: Any = dr.reinterpret_array(mi.UInt32, si.shape)
-        return dr.gather(mi.UInt32, self._rows, handle, active)
+        row = dr.gather(mi.UInt32, self._rows, handle, active)
+        return row if self._textures is None else self._textures.row(si, handle, row, active)
 
     def kind(self, row: Any, active: Any) -> Any:
         """Return BLACK, DIFFUSE, GLASS or OTHER (BLACK where inactive)."""

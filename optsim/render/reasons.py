@@ -9,9 +9,10 @@ import numpy as np
 
 from optsim.cube import Bands
 from optsim.render.needs import TYPICAL_NM, Effect, Needs
-from scenes.lights import AreaLight, ConstantSky, DirectionalLight, PointLight
-from scenes.materials import Dielectric, Diffuse
+from scenes.lights import SKIES, AreaLight, DirectionalLight, GradientSky, PointLight
+from scenes.materials import Dielectric, Lambertian
 from scenes.scene import Scene
+from scenes.viewpoint import ThinLens
 from scenes.visibility import MAX_PROOF_FACES, face_count, largest_albedo, used_materials
 
 TYPICAL_BANDS = 24
@@ -26,8 +27,7 @@ def effects_of(needs: Needs) -> Iterator[Effect]:
     yield _dispersion(needs)
     yield _illuminant_factoring(needs)
     yield _spectral_nodes(needs)
-    view = type(needs.source.viewpoint).__name__.lower()
-    yield Effect("lens_blur", False, f"the scene is seen through a pinhole ({view} view): all of it is sharp", 0.0)
+    yield _lens_blur(needs)
     yield _sky(needs)
 
 
@@ -142,10 +142,10 @@ def _illuminant_factoring(needs: Needs) -> Effect:
 
 def _spectral_nodes(needs: Needs) -> Effect:
     name = "spectral_nodes"
-    materials = [m for m in used_materials(needs.source).values() if isinstance(m, Diffuse)]
+    curves = [s for m in used_materials(needs.source).values() if isinstance(m, Lambertian) for s in m.curves]
     low, high = needs.common_range_nm
     nodes = needs.nodes_nm(Bands.from_edges([low, high]))
-    size = _centre_error([m.reflectance for m in materials], _band_edges(needs))
+    size = _centre_error(curves, _band_edges(needs))
     what = f"transport is rendered at {nodes.size} wavelengths for {low:g} to {high:g} nm, whatever the number of bands"
     if needs.reflects_once and needs.all_diffuse:
         return Effect(
@@ -165,7 +165,7 @@ def node_error(scene: Scene, nodes_nm: np.ndarray, covered: float) -> float:
     With step D and maximum rho of the diffuse reflectances over an interval, and a share c of the light that leaves surfaces landing on
     surfaces: D^2 c / (4 rho (1 - rho c)^3), a bound where c holds for every point. Infinite when rho c reaches 1.
     """
-    curves = [m.reflectance.at(nodes_nm) for m in used_materials(scene).values() if isinstance(m, Diffuse)]
+    curves = [s.at(nodes_nm) for m in used_materials(scene).values() if isinstance(m, Lambertian) for s in m.curves]
     if not curves:
         return 0.0
     table = np.array(curves)
@@ -177,8 +177,35 @@ def node_error(scene: Scene, nodes_nm: np.ndarray, covered: float) -> float:
     return float(np.max(np.where(left > 0, bound, np.where(step > 0, np.inf, 0.0)), initial=0.0))
 
 
+def _lens_blur(needs: Needs) -> Effect:
+    view = needs.source.viewpoint
+    if not isinstance(view, ThinLens):
+        kind = type(view).__name__.lower()
+        return Effect("lens_blur", False, f"the scene is seen through a pinhole ({kind} view): all of it is sharp", 0.0)
+    size = blur_share(needs.source)
+    text = (
+        f"the lens of {view.aperture_m:.3g} m radius, sharp at {view.distance_m:.3g} m, blurs by up to {size:.2g} of the picture's height"
+    )
+    if size < needs.error / 10:
+        return Effect("lens_blur", False, f"{text}: less than a tenth of the error asked for", size)
+    return Effect("lens_blur", True, f"{text}: rays start all over it", min(1.0, size))
+
+
+def blur_share(scene: Scene) -> float:
+    """Return the largest diameter of a lens's blur over the scene's corners, as a share of the picture's height (theory.md (R.34))."""
+    view, box = scene.viewpoint, scene.bounds()
+    if not isinstance(view, ThinLens) or box is None:
+        return 0.0
+    corners = np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    depth = (corners - np.asarray(view.origin)) @ view.axes()[2]
+    nearest, farthest = max(float(depth.min()), 1e-3 * view.distance_m), max(float(depth.max()), 1e-3 * view.distance_m)
+    defocus = max(abs(1 / nearest - 1 / view.distance_m), abs(1 / farthest - 1 / view.distance_m))
+    return float(view.aperture_m * defocus / np.tan(np.deg2rad(view.fov_deg) / 2))
+
+
 def _sky(needs: Needs) -> Effect:
-    skies = [light for light in needs.source.lights if isinstance(light, ConstantSky) and light.spectrum.maximum > 0]
+    skies = [light for light in needs.source.lights if isinstance(light, SKIES) and light.spectrum.maximum > 0]
     if not skies:
         return Effect("sky", False, "no light comes from outside: a ray that meets nothing is black", 0.0)
-    return Effect("sky", True, "a constant sky shines from all directions and is what a ray sees that meets nothing", 1.0)
+    kind = "a sky that changes with the elevation" if any(isinstance(light, GradientSky) for light in skies) else "a constant sky"
+    return Effect("sky", True, f"{kind} shines from all directions and is what a ray sees that meets nothing", 1.0)

@@ -21,12 +21,13 @@ from optsim.render.replicates import Replicates
 from optsim.render.sampling import seed_words
 from optsim.render.settings import RenderSettings
 from optsim.render.spectral import light_groups, transport_nodes
+from optsim.render.textures import taken_apart
 from optsim.render.translate import bsdf, load, tabulated, uniform
-from scenes.lights import PointLight
+from scenes.lights import GradientSky, PointLight
 from scenes.materials import Material
 from scenes.scene import Scene
 from scenes.spectrum import Spectrum
-from scenes.viewpoint import Orthographic, Perspective
+from scenes.viewpoint import Orthographic, Perspective, ThinLens
 
 WIDENED_NM = (1e-3, 3e-2, 1e-1)
 """Widenings of the bands that are tried in turn; which of them avoids the film's fault depends on the rounding of the bands' edges."""
@@ -55,6 +56,9 @@ class FilmTransport:
     """
 
     def __init__(self, scene: Scene, bands: Bands, film: tuple[int, int], settings: RenderSettings, through_nodes: bool = False) -> None:
+        if any(isinstance(light, GradientSky) for light in scene.lights):
+            raise InputError("lights", "a gradient sky", "a constant sky for Mitsuba's film; or install LLVM")
+        scene = taken_apart(scene)
         self.scene, self.film, self.settings = scene, film, settings
         self.pixels = film[0] * film[1]
         self.needs = explain(scene, settings.tolerance)
@@ -181,7 +185,10 @@ def sensor(scene: Scene, frame: Frame, size: tuple[int, int], responses: dict[st
         start = mi.ScalarTransform4f().look_at(rays.start.tolist(), (rays.start + view.axes()[2]).tolist(), list(view.up))
         scale = mi.ScalarTransform4f().scale([half_width, half_width, 1])
         return {"type": "orthographic", "to_world": start @ scale, **common, "near_clip": 1e-4}
-    assert isinstance(view, Perspective)
+    assert isinstance(view, Perspective | ThinLens)
+    if isinstance(view, ThinLens):
+        lens = {"aperture_radius": view.aperture_m / frame.unit, "focus_distance": view.distance_m / frame.unit}
+        return {"type": "thinlens", "to_world": aim, "fov": view.fov_deg, "fov_axis": "y", **lens, **common}
     return {"type": "perspective", "to_world": aim, "fov": view.fov_deg, "fov_axis": "y", **common}
 
 

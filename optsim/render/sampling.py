@@ -13,18 +13,15 @@ import numpy as np
 from optsim.render.engine import dr, mi
 
 DIMENSIONS = 6
-"""Pixel, light sample and scattered ray at the first smooth surface, two numbers each."""
+"""Pixel, light sample and scattered ray at the first smooth surface, two numbers each; a lens has two more."""
 
 
-def _increments() -> list[int]:
+def increments(dimensions: int) -> list[int]:
     """Return the powers of the generalised golden ratio, x^(d+1) = x + 1, as 32-bit fractions."""
     x = 1.5
     for _ in range(64):
-        x = (1 + x) ** (1 / (DIMENSIONS + 1))
-    return [round(x ** -(j + 1) * 2**32) for j in range(DIMENSIONS)]
-
-
-INCREMENTS = _increments()
+        x = (1 + x) ** (1 / (dimensions + 1))
+    return [round(x ** -(j + 1) * 2**32) for j in range(dimensions)]
 
 
 def seed_words(*key: int) -> tuple[int, int]:
@@ -40,17 +37,19 @@ class PathSampler:
         pixel: number of each thread's pixel in the whole picture: tiles of one pass never share numbers.
         shift: two words that select the replicate's shifts.
         words: two words that select its PCG32 stream.
+        lens: whether two more numbers are drawn, for a place on the lens.
     """
 
-    def __init__(self, pixel: Any, shift: tuple[int, int], words: tuple[int, int]) -> None:
+    def __init__(self, pixel: Any, shift: tuple[int, int], words: tuple[int, int], lens: bool) -> None:
         shifts = _stream(pixel, shift)
-        self.shift = [shifts.next_uint32() for _ in range(DIMENSIONS)]
+        self.steps = increments(DIMENSIONS + 2 if lens else DIMENSIONS)
+        self.shift = [shifts.next_uint32() for _ in self.steps]
         self.stream = _stream(pixel, words)
 
-    def first(self, index: Any) -> tuple[Any, Any, FirstNumbers]:
-        """Return the Kronecker point of sample ``index`` (UInt32): two floats in [0, 1) for the pixel, the rest for the path."""
-        x, y, *rest = [mi.Float((s + index * mi.UInt32(step)) >> 8) * 2.0**-24 for s, step in zip(self.shift, INCREMENTS)]
-        return x, y, FirstNumbers(rest)
+    def first(self, index: Any) -> tuple[Any, Any, FirstNumbers, list[Any]]:
+        """Return the Kronecker point of sample ``index`` (UInt32), in [0, 1): two for the pixel, four for the path, two for a lens."""
+        x, y, *rest = [mi.Float((s + index * mi.UInt32(step)) >> 8) * 2.0**-24 for s, step in zip(self.shift, self.steps)]
+        return x, y, FirstNumbers(rest[:4]), rest[4:]
 
 
 class FirstNumbers:

@@ -14,6 +14,7 @@ from optsim.render.diffuse_table import ROULETTE_FROM, power_share
 from optsim.render.engine import dr, mi
 from optsim.render.materials import DIFFUSE, GLASS, OTHER, MaterialTable
 from optsim.render.sampling import FirstNumbers
+from optsim.render.sky import SkyShape
 
 
 class SharedPath:
@@ -24,10 +25,11 @@ class SharedPath:
         table: its materials at the nodes to evaluate.
         bundle: what a path carries: all nodes, or one where glass disperses.
         max_depth: emission plus at most max_depth - 1 reflections or refractions.
+        sky: how the sky's light depends on the direction.
     """
 
-    def __init__(self, scene: Any, table: MaterialTable, bundle: Bundle, max_depth: int) -> None:
-        self.scene, self.table, self.bundle = scene, table, bundle
+    def __init__(self, scene: Any, table: MaterialTable, bundle: Bundle, max_depth: int, sky: SkyShape) -> None:
+        self.scene, self.table, self.bundle, self.sky = scene, table, bundle, sky
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
 
     @dr.syntax
@@ -43,7 +45,7 @@ class SharedPath:
         ray, active = mi.Ray3f(ray), mi.Bool(True)
         while active:
             si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=(depth == 0))
-            glow = self._glow(si, before, density, sharp, active)
+            glow = self._glow(si, before, density, sharp, active) * self.sky.met(si, ray.d)
             hit = active & si.is_valid() & ((depth + 1) < self.max_depth)
             row = table.row(si, hit)
             kind = table.kind(row, hit)
@@ -60,7 +62,8 @@ class SharedPath:
             bent, passed, step = self._refract(si, table.index(row, lane, glass), pick)
             lambert = dr.maximum(toward.z, 0) * dr.inv_pi
             by_scatter = dr.select(diffuse, lambert, found[0][1])
-            direct = dr.select(smooth, emission[0] * dr.select(sample.delta, 1, power_share(sample.pdf, by_scatter)), 0)
+            lit = emission[0] * self.sky.sampled(sample)
+            direct = dr.select(smooth, lit * dr.select(sample.delta, 1, power_share(sample.pdf, by_scatter)), 0)
             for g in range(bundle.groups):
                 reflected = bundle.reflectance(row, g, lane, diffuse)
                 value, _, _, weighed = found[min(g, len(found) - 1)]

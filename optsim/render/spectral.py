@@ -13,10 +13,11 @@ import numpy as np
 
 from optsim.cube import Bands
 from optsim.errors import InputError
-from scenes.lights import Light, PointLight
+from scenes.lights import SKIES, Light, PointLight
 from scenes.materials import Conductor, Dielectric, Diffuse, Material, RoughPlastic
 from scenes.scene import Scene
 from scenes.spectrum import GRID_SLACK_NM, WIDE_RANGE_NM, Spectrum
+from scenes.textures import Textured
 
 SAME_SHAPE = 1e-9
 """Two lights share an illuminant when their curves, each divided by its peak, differ by less than this."""
@@ -61,6 +62,8 @@ def light_groups(scene: Scene, low_nm: float, high_nm: float, unit_m: float) -> 
         size = _strength(light, peak, unit_m)
         for shape, members, strengths in shapes:
             both = _nodes_within([spectrum, shape], low_nm, high_nm)
+            if isinstance(light, SKIES) and any(isinstance(scene.lights[j], SKIES) for j in members):
+                continue  # the renderer's scene has one sky
             if np.max(np.abs(spectrum.at(both) / peak - shape.at(both))) < SAME_SHAPE:
                 members.append(i)
                 strengths.append(size)
@@ -92,6 +95,8 @@ def material_spectra(material: Material) -> dict[str, Spectrum]:
     """Return the spectra that a material is made of, by field name."""
     if isinstance(material, Diffuse | RoughPlastic):
         return {"reflectance": material.reflectance}
+    if isinstance(material, Textured):
+        return {f"basis[{i}]": spectrum for i, spectrum in enumerate(material.basis)}
     if isinstance(material, Conductor):
         return {"eta": material.eta, "k": material.k}
     return {}

@@ -15,11 +15,12 @@ import numpy as np
 from optsim.errors import InputError
 from optsim.render.engine import dr, mi
 from optsim.render.frame import Frame
-from scenes.lights import AreaLight, ConstantSky, DirectionalLight, Light, PointLight
+from scenes.lights import SKIES, AreaLight, DirectionalLight, Light, PointLight
 from scenes.materials import Conductor, Dielectric, Diffuse, Material, RoughPlastic
 from scenes.scene import Scene
 from scenes.shapes import Mesh, Shape
 from scenes.spectrum import Spectrum
+from scenes.textures import Textured
 
 SpectrumDict = Callable[[Spectrum], dict[str, Any]]
 
@@ -120,6 +121,10 @@ def load(
     for number, (name, material) in enumerate(scene.materials.items()):
         own = surface(material)
         shapes = [shape for shape in scene.shapes if shape.material == name]
+        if isinstance(material, Textured):
+            for i, shape in enumerate(shapes):
+                d[f"{number}_texture_{i}"] = _mesh([frame.to_units(batch) for batch in _faces(shape)], own)
+            continue
         corners = [frame.to_units(batch) for shape in shapes for batch in _faces(shape)]
         if corners:
             d[f"{number}_flat"] = _mesh(corners, own)
@@ -181,7 +186,7 @@ def _light(light: Light, i: int, frame: Frame, emission: dict[str, Any] | None) 
         return {"type": "directional", "direction": list(light.direction), "irradiance": emission}
     if isinstance(light, PointLight):
         return {"type": "point", "position": frame.to_units(np.asarray(light.position)).tolist(), "intensity": emission}
-    if isinstance(light, ConstantSky):
+    if isinstance(light, SKIES):  # what changes with the direction is applied by the integrators (optsim.render.sky)
         return {"type": "constant", "radiance": emission}
     raise InputError("lights", type(light).__name__, "a light that the renderer knows")
 

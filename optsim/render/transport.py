@@ -12,15 +12,16 @@ from optsim.render.diffuse_table import DiffuseTable, LightSearch
 from optsim.render.estimate import relative_errors
 from optsim.render.frame import camera_rays, frame_of
 from optsim.render.kernel import trace
-from optsim.render.materials import MaterialTable
+from optsim.render.materials import MAX_TABLE_VALUES, MaterialTable, rows_of
 from optsim.render.needs import explain
 from optsim.render.replicates import Replicates
 from optsim.render.settings import RenderSettings
 from optsim.render.shared_path import SharedPath
+from optsim.render.sky import SkyShape
 from optsim.render.spectral import light_groups, transport_nodes
 from optsim.render.translate import at_nodes, bsdf, load, plain, uniform
-from scenes.lights import AreaLight, ConstantSky
-from scenes.materials import Dielectric, Diffuse, Material
+from scenes.lights import SKIES, AreaLight
+from scenes.materials import Dielectric, Lambertian, Material
 from scenes.scene import Scene
 
 NODES_A_KERNEL = 48
@@ -83,20 +84,22 @@ class Transport:
         spectrum = at_nodes(self.nodes)
 
         def surface(material: Material) -> dict[str, Any]:
-            return plain(material) if isinstance(material, Diffuse | Dielectric) else bsdf(material, spectrum)
+            return plain(material) if isinstance(material, Lambertian | Dielectric) else bsdf(material, spectrum)
 
         engine = load(self.scene, self.frame, emission, surface)
+        sky = SkyShape(self.scene, lights, engine)
         if self.needs.dispersive:
-            table = MaterialTable(self.scene, engine, self.nodes, 0, self.nodes.size)
-            return [SharedPath(engine, table, OneNode(table), self.max_depth)]
-        chunks = np.array_split(np.arange(self.nodes.size), -(-self.nodes.size // NODES_A_KERNEL))
-        tables = [MaterialTable(self.scene, engine, self.nodes, int(c[0]), c.size) for c in chunks]
+            table = MaterialTable(self.scene, self.frame, engine, self.nodes, 0, self.nodes.size)
+            return [SharedPath(engine, table, OneNode(table), self.max_depth, sky)]
+        longest = max(4, min(NODES_A_KERNEL, MAX_TABLE_VALUES // rows_of(self.scene)))
+        chunks = np.array_split(np.arange(self.nodes.size), -(-self.nodes.size // longest))
+        tables = [MaterialTable(self.scene, self.frame, engine, self.nodes, int(c[0]), c.size) for c in chunks]
         if not self.needs.all_diffuse:
-            table = MaterialTable(self.scene, engine, self.nodes, 0, self.nodes.size)
-            return [SharedPath(engine, table, AllNodes(table), self.max_depth) for table in tables]
-        only_sky = all(isinstance(self.scene.lights[i], ConstantSky) for i in lights)
+            table = MaterialTable(self.scene, self.frame, engine, self.nodes, 0, self.nodes.size)
+            return [SharedPath(engine, table, AllNodes(table), self.max_depth, sky) for table in tables]
+        only_sky = all(isinstance(self.scene.lights[i], SKIES) for i in lights)
         search = LightSearch(sample=not only_sky, hit=only_sky or scattered_rays_seek_lights(self.scene, lights))
-        return [DiffuseTable(engine, table, self.max_depth, search) for table in tables]
+        return [DiffuseTable(engine, table, self.max_depth, search, sky) for table in tables]
 
 
 def scattered_rays_seek_lights(scene: Scene, lights: tuple[int, ...]) -> bool:
@@ -104,7 +107,7 @@ def scattered_rays_seek_lights(scene: Scene, lights: tuple[int, ...]) -> bool:
     box = scene.bounds()
     for i in lights:
         light = scene.lights[i]
-        if isinstance(light, ConstantSky):
+        if isinstance(light, SKIES):
             return True
         if isinstance(light, AreaLight) and box is not None:
             corners = light.corners()
