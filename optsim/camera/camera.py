@@ -15,7 +15,7 @@ from optsim.camera.model import Model
 from optsim.camera.optics import Optics
 from optsim.camera.optics_config import BandpassConfig, DmdConfig, ObjectiveConfig, PrismConfig, SensorConfig, TableConfig
 from optsim.camera.prism import DEFAULT_DESIGN_POSITION_PX, Dispersion
-from optsim.camera.radiometry import etendue_m2_sr
+from optsim.camera.radiometry import etendue_m2_sr, smallest_cone_sr
 from optsim.camera.relay import Relay
 from optsim.errors import InputError
 
@@ -99,8 +99,12 @@ class CameraConfig(Model):
 
     @property
     def throughput_m2_sr(self) -> float:
-        """Return étendue x transmission of one mirror, in m^2 sr: it turns radiance x time into energy (theory.md (C.8))."""
-        return etendue_m2_sr(self.dmd.pitch_um, self.dmd.fill_factor, self.relay.projected_solid_angle_sr) * self.relay.transmission
+        """Return étendue x transmission of one mirror, in m^2 sr: it turns radiance x time into energy (theory.md (C.8)).
+
+        The cone is the narrowest of the objective's (if there is one), the relay's and the mirrors'.
+        """
+        lenses = [self.relay.f_number] if self.objective.focal_mm is None else [self.relay.f_number, self.objective.f_number]
+        return etendue_m2_sr(self.dmd.pitch_um, self.dmd.fill_factor, smallest_cone_sr(*lenses)) * self.relay.transmission
 
     @classmethod
     def from_toml(cls, path: str | PathLike[str]) -> CameraConfig:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from scenes.spectrum import Spectrum
@@ -11,18 +13,30 @@ LIGHT_M_PER_S = 299792458.0
 PHOTONS_PER_JOULE_NM = 1e-9 / (PLANCK_J_S * LIGHT_M_PER_S)
 """Photons of 1 nm in one joule: lambda / (h c) is this times the wavelength in nm."""
 
+MIRROR_TILT_DEG = 12.0
+
 
 def etendue_m2_sr(mirror_um: float, fill_factor: float, projected_solid_angle_sr: float) -> float:
     """Return area x fill factor x projected solid angle of one mirror, in m^2 sr (theory.md (C.8))."""
     return (mirror_um * 1e-6) ** 2 * fill_factor * projected_solid_angle_sr
 
 
-def photon_integral(curve: Spectrum, lower_nm: np.ndarray, upper_nm: np.ndarray) -> np.ndarray:
-    """Integrate curve(lambda) lambda / (h c) over bands, exactly: the integrand is quadratic between nodes (theory.md (C.10)).
+def smallest_cone_sr(*f_numbers: float) -> float:
+    """Return pi sin^2(theta) of the narrowest of several light cones at a mirror, in sr (theory.md (C.8)).
+
+    A mirror that tilts by 12 degrees sends cones wider than that into each other's way: it counts as one of them (f/2.4).
+    """
+    sine = min([math.sin(math.radians(MIRROR_TILT_DEG)), *(1 / (2 * number) for number in f_numbers)])
+    return math.pi * sine**2
+
+
+def photon_integral(curve: Spectrum, lower_nm: np.ndarray, upper_nm: np.ndarray, through: Spectrum | None = None) -> np.ndarray:
+    """Integrate curve(lambda) lambda / (h c) over bands, exactly: the integrand is at most cubic between nodes (theory.md (C.10)).
 
     Args:
         curve: a quantum efficiency.
         lower_nm, upper_nm: (K,) band edges in nm; a band with upper <= lower gives 0.
+        through: a second factor, e.g. a filter's transmission or the light's spectrum.
 
     Returns:
         (K,) float64, in electrons nm per joule: electrons per radiant energy density in J/nm.
@@ -31,12 +45,13 @@ def photon_integral(curve: Spectrum, lower_nm: np.ndarray, upper_nm: np.ndarray)
     open_bands = upper > lower
     if not open_bands.any():
         return np.zeros(lower.shape)
-    edges = np.unique(np.concatenate([curve.wavelength_nm, lower[open_bands], upper[open_bands]]))
+    curves = [curve] if through is None else [curve, through]
+    edges = np.unique(np.concatenate([*(c.wavelength_nm for c in curves), lower[open_bands], upper[open_bands]]))
     edges = edges[(edges >= lower[open_bands].min()) & (edges <= upper[open_bands].max())]
     low, high = edges[:-1], edges[1:]
 
     def integrand(x: np.ndarray) -> np.ndarray:
-        return np.interp(x, curve.wavelength_nm, curve.value) * x
+        return x * np.prod([np.interp(x, c.wavelength_nm, c.value) for c in curves], axis=0)
 
     pieces = (high - low) / 6 * (integrand(low) + 4 * integrand((low + high) / 2) + integrand(high))
     ends = np.searchsorted(edges, np.stack([lower[open_bands], upper[open_bands]], axis=1)).ravel()
