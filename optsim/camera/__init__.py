@@ -9,13 +9,17 @@ from optsim.camera.camera import CameraConfig
 from optsim.camera.center_table import CenterTable
 from optsim.camera.dmd import Distinct, Repeated, defects, masks_for, mirror_states
 from optsim.camera.effects import EFFECTS, Effect, effect_named, ranked, reduced, required
+from optsim.camera.field_maps import MAPPINGS, FieldPolynomial, ParaxialMap, WholePixel
 from optsim.camera.fine import Interpolate
 from optsim.camera.fixed_pattern import fixed_pattern
 from optsim.camera.frames import band_model_of, check_frames, signal_of, with_unit_shifts
 from optsim.camera.glass import AIR, Glass, glass, glass_names
 from optsim.camera.layer_bins import bin_layers, layer_sites
+from optsim.camera.mappings import CauchyMap, LinearMap, PolynomialMap, SplineMap
 from optsim.camera.matched import measure_matched
 from optsim.camera.noise import Noise
+from optsim.camera.objective import through_objective
+from optsim.camera.optics import Optics
 from optsim.camera.patterns import Bernoulli, BlueNoise, Complementary, FromFile, Stratified
 from optsim.camera.physical import Exposure, photograph
 from optsim.camera.prism import Dispersion, DoubleAmici
@@ -29,12 +33,14 @@ from optsim.camera.stack import PrismStack
 __all__ = [
     "AIR",
     "EFFECTS",
+    "MAPPINGS",
     "BandModel",
     "Bayer",
     "BayerPhase",
     "Bernoulli",
     "BlueNoise",
     "CameraConfig",
+    "CauchyMap",
     "CenterTable",
     "Complementary",
     "Dispersion",
@@ -42,22 +48,29 @@ __all__ = [
     "DoubleAmici",
     "Effect",
     "Exposure",
+    "FieldPolynomial",
     "Foveon",
     "FromFile",
     "FrontFilter",
     "Glass",
     "Interpolate",
+    "LinearMap",
     "Mono",
     "Noise",
+    "Optics",
     "OwnShifts",
+    "ParaxialMap",
+    "PolynomialMap",
     "PrismStack",
     "Quattro",
     "Relay",
     "Repeated",
     "Sensor",
     "SiliconLayers",
+    "SplineMap",
     "Stratified",
     "UnitShift",
+    "WholePixel",
     "band_model_of",
     "bin_layers",
     "check_frames",
@@ -81,5 +94,6 @@ __all__ = [
     "required",
     "sensors",
     "signal_of",
+    "through_objective",
     "with_unit_shifts",
 ]

@@ -54,6 +54,27 @@ def wavelength_at(dispersion: Positions, position_px: ArrayLike, range_nm: tuple
     return ((low + high) / 2).reshape(np.shape(position_px))
 
 
+def folds(dispersion: Positions, range_nm: tuple[float, float] = SEARCH_NM) -> np.ndarray:
+    """Return the wavelengths in nm at which the dispersion turns back, d x / d wavelength = 0, to 1e-6 nm; empty for a usable prism."""
+    from scipy.optimize import minimize_scalar
+
+    grid = np.linspace(*range_nm, STEPS + 1)
+    x, _, valid = dispersion.position_px(grid)
+    step = np.sign(np.diff(x)) * (valid[1:] & valid[:-1])
+    turns = np.flatnonzero(step[1:] * step[:-1] < 0) + 1
+    found = []
+    for i in turns:
+        sign = -step[i - 1]
+        result = minimize_scalar(
+            lambda w, sign=sign: sign * float(dispersion.position_px(np.array([w]))[0][0]),
+            bounds=(grid[i - 1], grid[i + 1]),
+            method="bounded",
+            options={"xatol": 1e-6},
+        )
+        found.append(float(result.x))
+    return np.array(found)
+
+
 def search_range(range_nm: tuple[float, float] | None) -> tuple[float, float]:
     """Return the part of a range inside 380-780 nm, or the whole range where nothing of it lies there."""
     if range_nm is None:
