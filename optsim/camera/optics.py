@@ -217,12 +217,10 @@ class Optics:
         """Return the distance behind the lens at which the design wavelength's spot on the axis is smallest (theory.md (C.30))."""
         beam = self._beam(self._design_nm, 0.0, 0.0, rings(self.camera.relay.pupil_rays).points)
         x, y, z, slope_x, slope_y, valid = self._behind_faces(beam)
-        if not valid.all():
-            raise InputError(
-                "relay.converging", True, f"false, or angles at which the whole cone of {self._design_nm:g} nm passes the prism"
-            )
-        places = np.stack([x - z * slope_x, y - z * slope_y])
-        slopes = np.stack([slope_x, slope_y])
+        if valid.sum() < 4:
+            raise InputError("relay.converging", True, f"false, or angles at which {self._design_nm:g} nm passes the prism")
+        places = np.stack([x - z * slope_x, y - z * slope_y])[:, valid]
+        slopes = np.stack([slope_x, slope_y])[:, valid]
         places, slopes = (a - a.mean(1, keepdims=True) for a in (places, slopes))
         return -float((places * slopes).sum() / (slopes * slopes).sum())
 
