@@ -4,7 +4,7 @@ A cube becomes frames by :func:`measure_matched` (the paper's discrete model mak
 (a fine model of wavelengths and mirrors with the traced prism).
 """
 
-from optsim.camera.band_model import BandModel, OwnShifts, UnitShift, matched_model, physical_model
+from optsim.camera.band_model import BandModel, matched_model, physical_model
 from optsim.camera.camera import CameraConfig
 from optsim.camera.center_table import CenterTable
 from optsim.camera.dmd import Distinct, Repeated, defects, masks_for, mirror_states
@@ -14,6 +14,7 @@ from optsim.camera.fine import Interpolate
 from optsim.camera.fixed_pattern import fixed_pattern
 from optsim.camera.frames import band_model_of, check_frames, signal_of, with_unit_shifts
 from optsim.camera.glass import AIR, Glass, glass, glass_names
+from optsim.camera.knowledge import Assumed, Exact, OwnShifts, UnitShift
 from optsim.camera.layer_bins import bin_layers, layer_sites
 from optsim.camera.mappings import CauchyMap, LinearMap, PolynomialMap, SplineMap
 from optsim.camera.matched import measure_matched
@@ -34,6 +35,7 @@ __all__ = [
     "AIR",
     "EFFECTS",
     "MAPPINGS",
+    "Assumed",
     "BandModel",
     "Bayer",
     "BayerPhase",
@@ -47,6 +49,7 @@ __all__ = [
     "Distinct",
     "DoubleAmici",
     "Effect",
+    "Exact",
     "Exposure",
     "FieldPolynomial",
     "Foveon",

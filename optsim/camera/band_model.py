@@ -8,36 +8,59 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from optsim.camera.bandpass import passed_photons, support_nm
 from optsim.camera.camera import CameraConfig
 from optsim.camera.dmd import check_masks
+from optsim.camera.knowledge import Assumed, Exact, OwnShifts, Scope, Shifts, UnitShift
 from optsim.camera.prism import Dispersion
 from optsim.camera.radiometry import photon_integral
 from optsim.camera.sensor import Sensor
+from optsim.camera.spread import PIECES_PER_BAND, Passed, pieces, spread_taps
 from optsim.cube import Bands
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
     from recon.coded_aperture import CodedAperture
+    from recon.field_aperture import FieldAperture
 
-PIECES_PER_BAND = 64
-"""A band's light is laid on the sensor in this many exact pieces; 64 and 128 agree to 1e-6 of the light."""
+__all__ = [
+    "Assumed",
+    "BandModel",
+    "Exact",
+    "OwnShifts",
+    "Shifts",
+    "UnitShift",
+    "curve_integrals",
+    "frame_width",
+    "matched_model",
+    "physical_model",
+    "spread_taps",
+]
 
 
 @dataclass(frozen=True, eq=False)
 class BandModel:
-    """Hold the discrete camera of K bands, ``g[l,c,m,j] = sum response[c,k] taps[k,t] mask[l,m,n] f[m,n,k]``, n = j - first_column[k] - t.
+    """Hold the discrete camera of K bands (theory.md (C.14)).
+
+    In its simple form ``g[l,c,m,j] = sum response[c,k] taps[k,t] mask[l,m,n] f[m,n,k]`` with n = j - first_column[k] - t. In its
+    full form weights vary over the field, light leaves its row, mirrors leak and pixels differ (theory.md (S.40), (S.41)).
 
     Args:
-        masks: (L, M, N) uint8.
+        masks: (L, M, N) uint8, the patterns shown; float64 when they are gray.
         response: (C, K) float64, frames-units per cube-unit of each spectral curve and band.
-        first_column: (K,) int64, sensor column of a band's first tap for mirror column 0.
-        taps: (K, T) float64, shares of a band's light on neighbouring columns.
+        first_column: (K,) int64, sensor column of a band's first tap for mirror column 0; full form: (K, 1|M, 1|N).
+        taps: (K, T) float64, shares of a band's light on neighbouring columns; full form: (K, 1|M, 1|N, Tr, Tc).
         shift_px: (K,) position of each band's centre wavelength.
         mosaic: (M, W) int8 curve of each pixel, or None.
         width: W, sensor columns.
         bands: the K bands.
         sensor: name of the sensor: mono, bayer or foveon.
         curve_names: the C curves.
+        first_row: full form: (K, 1|M, 1|N) int64, sensor row of the first tap for mirror row 0.
+        mirrors: (L, M, N) float64, what each mirror really sends out; None: the masks.
+        gain: (M, W) response of each pixel over that of a perfect one; None: 1.
+        bins: C sides of the blocks of pixels that each layer sums; None: no binning.
+        crosstalk: share of charge that ends in each of the four neighbours.
     """
 
     masks: np.ndarray
@@ -50,45 +73,45 @@ class BandModel:
     bands: Bands
     sensor: str
     curve_names: tuple[str, ...]
+    first_row: np.ndarray | None = None
+    mirrors: np.ndarray | None = None
+    gain: np.ndarray | None = None
+    bins: tuple[int, ...] | None = None
+    crosstalk: float = 0.0
 
-    def operator(self, dtype: Any = np.float64) -> CodedAperture:
-        """Return H for cubes (M, N, K) and frames (L, C, M, W)."""
+    def operator(self, dtype: Any = np.float64) -> CodedAperture | FieldAperture:
+        """Return H for cubes (M, N, K) and frames (L, C, M, W): the simple operator where it suffices."""
         from recon.coded_aperture import CodedAperture
+        from recon.field_aperture import FieldAperture
+        from recon.readout import Readout
+        from recon.spread import Spread
 
-        return CodedAperture(self.masks, self.response, self.first_column, self.taps, mosaic=self.mosaic, width=self.width, dtype=dtype)
+        masks = self.masks if self.mirrors is None else self.mirrors
+        readout = Readout(self.gain, self.bins, self.crosstalk)
+        simple = self._simple
+        if simple is not None and readout.plain:
+            gray = masks.dtype != np.uint8
+            return CodedAperture(masks, self.response, *simple, mosaic=self.mosaic, width=self.width, dtype=dtype, gray=gray)
+        if self.taps.ndim == 2:
+            spread = Spread(np.zeros(len(self.taps), np.int64), self.first_column, self.taps[:, None, None, None, :])
+        else:
+            assert self.first_row is not None
+            spread = Spread(self.first_row, self.first_column, self.taps)
+        return FieldAperture(masks, self.response, spread, mosaic=self.mosaic, readout=readout, width=self.width, dtype=dtype)
+
+    @property
+    def _simple(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return (first columns (K,), taps (K, T)) if the same for the whole field and in the mirror's row, else None."""
+        if self.taps.ndim == 2:
+            return self.first_column, self.taps
+        alike = self.first_column[0].size == 1 and self.taps.shape[1:4] == (1, 1, 1)
+        if not alike or self.first_row is None or self.first_row.any():
+            return None
+        return self.first_column[:, 0, 0], self.taps[:, 0, 0, 0]
 
     def scaled(self, factor: float) -> BandModel:
         """Return the model with all responses times a factor (exposure, gain)."""
         return replace(self, response=self.response * factor)
-
-
-@dataclass(frozen=True)
-class OwnShifts:
-    """Let H know where the prism lays each band: its position and how it spreads over columns."""
-
-    name = "camera"
-
-    def columns(
-        self, dispersion: Dispersion, mirror_px: float, lower_nm: np.ndarray, upper_nm: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return first columns and taps."""
-        return spread_taps(dispersion, mirror_px, lower_nm, upper_nm)
-
-
-@dataclass(frozen=True)
-class UnitShift:
-    """Let H believe that band k lands exactly k columns on, as in the paper's discrete model."""
-
-    name = "unit-shift"
-
-    def columns(
-        self, dispersion: Dispersion, mirror_px: float, lower_nm: np.ndarray, upper_nm: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return first columns 0..K-1 and one tap of 1."""
-        return np.arange(lower_nm.size), np.ones((lower_nm.size, 1))
-
-
-Shifts = OwnShifts | UnitShift
 
 
 def matched_model(sensor: Sensor, bands: Bands, masks: np.ndarray) -> BandModel:
@@ -115,50 +138,66 @@ def matched_model(sensor: Sensor, bands: Bands, masks: np.ndarray) -> BandModel:
 
 
 def physical_model(
-    camera: CameraConfig, sensor: Sensor, bands: Bands, masks: np.ndarray, shifts: Shifts | None = None, exposure_s: float = 1.0
-) -> BandModel:  # fmt: skip
+    camera: CameraConfig,
+    sensor: Sensor,
+    bands: Bands,
+    masks: np.ndarray,
+    knowledge: Shifts | None = None,
+    exposure_s: float = 1.0,
+    gray: bool = False,
+) -> BandModel:
     """Return the camera's own discrete model in electrons per W m^-2 sr^-1 nm^-1 (theory.md (C.10), (C.14), (C.15)).
 
-    Response: exposure x étendue x integral over the band, inside the band-pass, of QE lambda / (h c). The frame has
+    Response: exposure x étendue x integral over the band of filter x prism's transmission x QE lambda / (h c). The frame has
     the columns from the 455 nm pixel of mirror column 0 to the pixel in which the last column's last band ends.
 
     Args:
         camera: the optics.
-        sensor: one of the three.
+        sensor: one of the sensors.
         bands: K bands.
-        masks: (L, M, N) of 0 and 1.
-        shifts: OwnShifts() (default) or UnitShift().
+        masks: (L, M, N) of 0 and 1; with ``gray`` any value between.
+        knowledge: what H knows: OwnShifts() (default), UnitShift(), Assumed(...) or Exact().
         exposure_s: in (0, 1e9] s; 0 is a dark frame and has no model.
+        gray: allow masks between 0 and 1.
 
     Raises:
         InputError: ``masks``, ``sensor.curve``, ``bands`` (nothing of a band passes the filter), ``exposure_s``.
     """
-    shifts = OwnShifts() if shifts is None else shifts
-    masks = check_masks(masks)
+    knowledge = OwnShifts() if knowledge is None else knowledge
+    masks = check_masks(masks, gray)
     if not 0 < exposure_s <= 1e9:
         raise InputError("exposure_s", exposure_s, "in (0, 1e9] s")
-    lower, upper = camera.bandpass.clip(bands.lower, bands.upper)
+    support = support_nm(camera.bandpass)
+    lower, upper = np.clip(bands.lower, *support), np.clip(bands.upper, *support)
     if np.any(upper <= lower):
         k = int(np.argmax(upper <= lower))
         passes = f"{camera.bandpass.lower_nm:g}-{camera.bandpass.upper_nm:g} nm"
         raise InputError("bands", (float(bands.lower[k]), float(bands.upper[k])), f"at least partly inside the band-pass {passes}")
     dispersion = camera.dispersion
-    first, taps = shifts.columns(dispersion, camera.mirror_px, lower, upper)
     position, _, _ = dispersion.position_px(bands.center)
     rows, columns = masks.shape[1:]
-    width = frame_width(dispersion, lower, upper, columns)
+    width = frame_width(dispersion, *camera.bandpass.clip(bands.lower, bands.upper), columns)
+    scope = Scope(camera, lower, upper, (rows, columns), passed_light(camera))
+    landing = knowledge.land(scope)
+    gain, crosstalk = knowledge.pixels(scope, width)
+    mirrors = knowledge.mirrors(scope, masks)
     factor = exposure_s * camera.throughput_m2_sr
     return BandModel(
-        masks,
-        factor * curve_integrals(sensor, lower, upper),
-        first.astype(np.int64),
-        taps,
-        position,
-        sensor.mosaic(rows, width),
-        width,
-        bands,
-        sensor.name,
-        sensor.curve_names,
+        masks=masks,
+        response=factor * band_response(camera, sensor, lower, upper),
+        first_column=landing.first_column.astype(np.int64),
+        taps=landing.taps,
+        shift_px=position,
+        mosaic=sensor.mosaic(rows, width),
+        width=width,
+        bands=bands,
+        sensor=sensor.name,
+        curve_names=sensor.curve_names,
+        first_row=landing.first_row,
+        mirrors=None if mirrors is masks else mirrors,
+        gain=gain,
+        bins=sensor.layer_bins if max(sensor.layer_bins) > 1 else None,
+        crosstalk=crosstalk,
     )
 
 
@@ -180,40 +219,21 @@ def curve_integrals(sensor: Sensor, lower_nm: np.ndarray, upper_nm: np.ndarray) 
     return np.stack([photon_integral(curve, lower, upper) for curve in sensor.curves])
 
 
-def spread_taps(dispersion: Dispersion, mirror_px: float, lower_nm: np.ndarray, upper_nm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lay each band's light of one mirror on sensor columns: mirror box * band * pixel box (theory.md (C.15)).
+def band_response(camera: CameraConfig, sensor: Sensor, lower_nm: np.ndarray, upper_nm: np.ndarray) -> np.ndarray:
+    """Return (C, K) integrals of QE x filter x prism's transmission x lambda / (h c) over bands inside the filter's support.
 
-    A band is cut into pieces of equal width in nm; a piece is a box between the traced positions of its ends,
-    weighted by its photons (lambda d lambda), so that the integrals are exact for each piece. Pieces that the prism
-    loses weigh nothing.
-
-    Returns:
-        (first_column (K,) int64, taps (K, T) float64); a band's taps sum to 1, or to the share that the prism passes.
+    Curve and filter are integrated exactly in 64 pieces a band; the prism's transmission on the axis is taken at each piece's middle.
     """
-    steps = np.linspace(0, 1, PIECES_PER_BAND + 1)
-    edges = lower_nm[:, None] + (upper_nm - lower_nm)[:, None] * steps
-    x, _, valid = dispersion.position_px(edges)
-    photons = np.diff(edges**2, axis=1)
-    weight = photons / photons.sum(1, keepdims=True) * (valid[:, 1:] & valid[:, :-1])
-    a, b = np.minimum(x[:, 1:], x[:, :-1]), np.maximum(x[:, 1:], x[:, :-1])
-    low = np.floor(np.where(weight > 0, a, np.inf).min(1) - mirror_px / 2 + 0.5)
-    high = np.ceil(np.where(weight > 0, b, -np.inf).max(1) + mirror_px / 2 - 0.5)
-    dark = ~np.isfinite(low)
-    low, high = np.where(dark, 0, low), np.where(dark, 0, high)
-    count = int((high - low).max()) + 1
-    column = low[:, None] + np.arange(count + 1) - 0.5
-    below = (weight[..., None] * _share_below(column[:, None, :], a[..., None], b[..., None], mirror_px)).sum(1)
-    taps = np.diff(below, axis=1)
-    taps[taps < 1e-15] = 0.0
-    return low.astype(np.int64), taps
+    sensor.check_range(float(lower_nm.min()), float(upper_nm.max()))
+    edges, _ = pieces(lower_nm, upper_nm, PIECES_PER_BAND)
+    low, high = edges[:, :-1].ravel(), edges[:, 1:].ravel()
+    share = camera.optics.transmission((low + high) / 2)
+    parts = np.stack([passed_photons(camera.bandpass, low, high, curve) for curve in sensor.curves]) * share
+    result: np.ndarray = parts.reshape(len(sensor.curves), *edges[:, 1:].shape).sum(2)
+    return result
 
 
-def _share_below(t: np.ndarray, a: np.ndarray, b: np.ndarray, box: float) -> np.ndarray:
-    """Return the share below t of (box of width ``box`` around 0) convolved with (box from a to b): a trapezoid's integral."""
-
-    def mean_ramp(u: np.ndarray) -> np.ndarray:
-        """Average max(u - p, 0) over p from a to b, without dividing small differences by b - a."""
-        inside = (u > a) & (u < b)
-        return np.where(u >= b, u - (a + b) / 2, np.where(inside, (u - a) ** 2 / (2 * np.where(inside, b - a, 1.0)), 0.0))
-
-    return np.clip((mean_ramp(t + box / 2) - mean_ramp(t - box / 2)) / box, 0, 1)
+def passed_light(camera: CameraConfig) -> Passed:
+    """Return the photons between two wavelengths that filter and prism pass on the axis."""
+    optics = camera.optics
+    return lambda low, high: passed_photons(camera.bandpass, low, high) * optics.transmission((low + high) / 2)

@@ -193,7 +193,7 @@ def test_P5_a_band_that_the_prism_loses_has_weight_0():
 
 
 def test_a_flat_sensors_response_is_its_closed_form_in_electrons():
-    camera = CameraConfig()
+    camera = CameraConfig().ideal()
     model = physical_model(camera, Mono(), PAPER, np.ones((1, 2, 2)), exposure_s=0.3)
     per_nm2 = 0.3 * (13.68e-6) ** 2 * 0.92 * np.pi / 256 * 1e-9 / (6.62607015e-34 * 299792458.0)
     np.testing.assert_allclose(model.response[0], per_nm2 * (PAPER.upper**2 - PAPER.lower**2) / 2, rtol=1e-13)
