@@ -2,21 +2,48 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from optsim.cli.words import Json, find_scene, print_json
+from optsim.errors import InputError
+
+if TYPE_CHECKING:
+    from optsim.study.effect_cost import EffectCost
+    from optsim.study.fine_scene import FineScene
+
+FIELD = 256
 
 
 def explain(
-    scene: Annotated[str, Parameter(help="Name of a scene, or a scene file.")],
+    scene: Annotated[
+        str | None, Parameter(help="Name of a scene, or a scene file. With --camera: what the reconstructions look at.")
+    ] = None,
     /,
     *,
-    error: Annotated[float, Parameter(help="Relative error that the render should meet.")] = 0.01,
+    camera: Annotated[
+        Path | None, Parameter(help="A camera as TOML (or `default`): rank its optical effects instead of the scene's.")
+    ] = None,
+    error: Annotated[float, Parameter(help="Relative error that the render, or the photograph, should meet.")] = 0.01,
+    db: Annotated[
+        bool, Parameter(help="With --camera: price every effect by small reconstructions with and without it in H.", negative="--no-db")
+    ] = True,
+    size: Annotated[int, Parameter(help="With --camera: mirrors along each side of the reconstructions, a multiple of 8.")] = 32,
+    seeds: Annotated[int, Parameter(help="With --camera: sets of masks; two or more give intervals.")] = 3,
+    plot: Annotated[Path | None, Parameter(help="With --camera: draw the ranking (PNG, PDF or SVG).")] = None,
     json: Json = False,
 ) -> None:
-    """Tell which physical effects a scene requires, each on or off with its reason and the error of leaving it out."""
+    """Tell which physical effects a scene, or a camera, requires, each with its size and the error of leaving it out."""
+    if camera is not None:
+        _explain_camera(camera, scene, error, (size, seeds) if db else None, plot, json)
+        return
+    if scene is None:
+        raise InputError("SCENE", None, "given: the name of a scene or a scene file, or --camera FILE")
+    if plot is not None:
+        raise InputError("--plot", str(plot), "given with --camera")
     from optsim.render.needs import explain as needs_of
 
     needs = needs_of(find_scene(scene), error)
@@ -27,3 +54,68 @@ def explain(
     for effect in needs.effects:
         without = "" if effect.error_without is None else f" (error without it: {effect.error_without:.2g})"
         print(f"  {'on ' if effect.on else 'off'}  {effect.name:20s} {effect.reason}{without}")
+
+
+def _explain_camera(path: Path, scene: str | None, error: float, priced: tuple[int, int] | None, plot: Path | None, json: bool) -> None:
+    from optsim.camera import CameraConfig
+    from optsim.study.effect_cost import EffectCostConfig, effect_costs, effect_sizes
+    from optsim.study.fine_scene import TexturedField
+
+    if plot is not None and plot.suffix not in (".png", ".pdf", ".svg"):
+        raise InputError("--plot", str(plot), "a file path that ends in .png, .pdf or .svg")
+    camera = CameraConfig() if str(path) == "default" else CameraConfig.from_toml(path)
+    looked_at = TexturedField() if scene is None else _fine_scene(scene)
+    size, seeds = priced or (EffectCostConfig().size, 0)
+    if priced is None:
+        costs = effect_sizes(camera, error, (FIELD, FIELD), size)
+    else:
+        config = EffectCostConfig(size=size, seeds=seeds)
+        costs = effect_costs(camera, error, scene=looked_at, config=config, field=(FIELD, FIELD), quiet=json)
+    report: dict[str, Any] = {
+        "camera": str(path),
+        "error": error,
+        "field": [FIELD, FIELD],
+        "size": size,
+        "seeds": seeds,
+        "scene": None if priced is None else looked_at.name,
+        "required": [cost.effect.name for cost in costs if cost.required],
+        "effects": [cost.as_dict() for cost in costs],
+    }
+    if plot is not None:
+        from optsim.report.figures_cost import draw_effects
+
+        draw_effects(report, plot)
+        print(f"{plot}: effects of {path}", file=sys.stderr)
+    if json:
+        print_json(report)
+        return
+    _print_costs(report, costs)
+
+
+def _fine_scene(word: str) -> FineScene:
+    from optsim.study.fine_scene import RenderedScene, TexturedField
+
+    return TexturedField() if word == TexturedField().name else RenderedScene(find_scene(word))
+
+
+def _print_costs(report: dict[str, Any], costs: list[EffectCost]) -> None:
+    rows, columns = report["field"]
+    print(f"{report['camera']}, to a relative error of {report['error']:g}; sizes over {rows} x {columns} mirrors, largest first")
+    sensors = list(dict.fromkeys(name for cost in costs for name in cost.loss_db))
+    head = "".join(f"  {name + ' dB':>24s}" for name in sensors)
+    print(f"  {'':8s}  {'effect':16s} {'px':>8s} {'light wrong':>12s}{head}")
+    for cost in costs:
+        if not cost.present:
+            continue
+        losses = "".join(f"  {cost.loss_db[name]!s:>24s}" for name in sensors if name in cost.loss_db)
+        word = "required" if cost.required else "can go"
+        note = f"  ({cost.note})" if cost.note else ""
+        print(f"  {word:8s}  {cost.effect.name:16s} {cost.size.px:8.3g} {cost.size.relative:12.2g}{losses}{note}")
+    absent = [cost.effect.name for cost in costs if not cost.present]
+    if absent:
+        print(f"  not in this camera: {', '.join(absent)}")
+    if sensors:
+        print(
+            f"dB: what a reconstruction loses whose H leaves the effect out, mean and 95 % interval over {report['seeds']} sets of masks;\n"
+            f"{report['scene']}, {report['size']} x {report['size']} mirrors: effects that grow with the field are smaller there than above"
+        )

@@ -65,11 +65,16 @@ positive; the bands are the prism's own steps of one pixel; the residual is the 
 
 Example: `optsim prism --plot prism.png`
 """,
-    "explain": """Which physical effects a scene requires, each on or off with its reason.
+    "explain": """Which physical effects a scene, or a camera, requires.
 
-Decided from materials, geometry and lights, never from the scene's name; with the error of leaving each effect out.
+A scene's are decided from materials, geometry and lights, never from its name; with the error of leaving each out.
 
 Example: `optsim explain color-checker --json`
+
+A camera's are ranked by how far they move light (px), by the share of light that is wrong without them, and by what a
+reconstruction loses (dB) whose H leaves them out; those that the error asked for requires are marked. `--no-db` is quick.
+
+Example: `optsim explain --camera camera.toml --plot effects.png` (`--camera default`: the default camera)
 """,
     "doctor": """Check this machine by rendering a real scene in a child process.
 
