@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from optsim.errors import InputError
 from scenes.spectrum import Spectrum
 
 PLANCK_J_S = 6.62607015e-34
@@ -42,19 +44,35 @@ def photon_integral(curve: Spectrum, lower_nm: np.ndarray, upper_nm: np.ndarray,
         (K,) float64, in electrons nm per joule: electrons per radiant energy density in J/nm.
     """
     lower, upper = np.asarray(lower_nm, np.float64), np.asarray(upper_nm, np.float64)
+    if not np.any(upper > lower):
+        return np.zeros(lower.shape)
+    ends = np.array([lower.min(), upper.max()])
+    factors = [curve, Spectrum(ends, ends)] if through is None else [curve, through, Spectrum(ends, ends)]
+    return product_integral(factors, lower, upper) * PHOTONS_PER_JOULE_NM
+
+
+def product_integral(factors: Sequence[Spectrum], lower_nm: np.ndarray, upper_nm: np.ndarray) -> np.ndarray:
+    """Integrate the product of up to three piecewise linear curves over bands, exactly: Simpson's rule between all nodes.
+
+    Args:
+        factors: one to three spectra, each held constant beyond its ends.
+        lower_nm, upper_nm: (K,) band edges in nm; a band with upper <= lower gives 0.
+    """
+    lower, upper = np.asarray(lower_nm, np.float64), np.asarray(upper_nm, np.float64)
+    if not 1 <= len(factors) <= 3:
+        raise InputError("factors", len(factors), "one to three curves")
     open_bands = upper > lower
     if not open_bands.any():
         return np.zeros(lower.shape)
-    curves = [curve] if through is None else [curve, through]
-    edges = np.unique(np.concatenate([*(c.wavelength_nm for c in curves), lower[open_bands], upper[open_bands]]))
+    edges = np.unique(np.concatenate([*(factor.wavelength_nm for factor in factors), lower[open_bands], upper[open_bands]]))
     edges = edges[(edges >= lower[open_bands].min()) & (edges <= upper[open_bands].max())]
     low, high = edges[:-1], edges[1:]
 
     def integrand(x: np.ndarray) -> np.ndarray:
-        return x * np.prod([np.interp(x, c.wavelength_nm, c.value) for c in curves], axis=0)
+        return np.asarray(np.prod([np.interp(x, factor.wavelength_nm, factor.value) for factor in factors], axis=0))
 
     pieces = (high - low) / 6 * (integrand(low) + 4 * integrand((low + high) / 2) + integrand(high))
     ends = np.searchsorted(edges, np.stack([lower[open_bands], upper[open_bands]], axis=1)).ravel()
     result = np.zeros(lower.shape)
     result[open_bands] = np.add.reduceat(np.append(pieces, 0.0), ends)[::2]
-    return result * PHOTONS_PER_JOULE_NM
+    return result

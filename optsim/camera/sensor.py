@@ -31,6 +31,11 @@ class BayerPhase(Enum):
     GBRG = (1, 2, 0, 1)
     BGGR = (2, 1, 1, 0)
 
+    def mosaic(self, rows: int, columns: int) -> np.ndarray:
+        """Return (rows, columns) int8 of 0 red, 1 green, 2 blue."""
+        tile = np.array(self.value, np.int8).reshape(2, 2)
+        return tile[np.arange(rows)[:, None] % 2, np.arange(columns) % 2]
+
 
 class Sensor(Model, ABC):
     """A sensor: its spectral curves and which of them each pixel has.
@@ -186,8 +191,7 @@ class Bayer(_Colour):
 
     def mosaic(self, rows: int, columns: int) -> np.ndarray:
         """Return (rows, columns) int8 of 0 red, 1 green, 2 blue."""
-        tile = np.array(self.phase.value, np.int8).reshape(2, 2)
-        return tile[np.arange(rows)[:, None] % 2, np.arange(columns) % 2]
+        return self.phase.mosaic(rows, columns)
 
 
 class Foveon(_Colour):
