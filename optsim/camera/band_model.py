@@ -88,26 +88,16 @@ class BandModel:
 
         masks = self.masks if self.mirrors is None else self.mirrors
         readout = Readout(self.gain, self.bins, self.crosstalk)
-        simple = self._simple
-        if simple is not None and readout.plain:
+        if self.taps.ndim == 2 and readout.plain:
             gray = masks.dtype != np.uint8
-            return CodedAperture(masks, self.response, *simple, mosaic=self.mosaic, width=self.width, dtype=dtype, gray=gray)
+            columns = (self.first_column, self.taps)
+            return CodedAperture(masks, self.response, *columns, mosaic=self.mosaic, width=self.width, dtype=dtype, gray=gray)
         if self.taps.ndim == 2:
             spread = Spread(np.zeros(len(self.taps), np.int64), self.first_column, self.taps[:, None, None, None, :])
         else:
             assert self.first_row is not None
             spread = Spread(self.first_row, self.first_column, self.taps)
         return FieldAperture(masks, self.response, spread, mosaic=self.mosaic, readout=readout, width=self.width, dtype=dtype)
-
-    @property
-    def _simple(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return (first columns (K,), taps (K, T)) if the same for the whole field and in the mirror's row, else None."""
-        if self.taps.ndim == 2:
-            return self.first_column, self.taps
-        alike = self.first_column[0].size == 1 and self.taps.shape[1:4] == (1, 1, 1)
-        if not alike or self.first_row is None or self.first_row.any():
-            return None
-        return self.first_column[:, 0, 0], self.taps[:, 0, 0, 0]
 
     def scaled(self, factor: float) -> BandModel:
         """Return the model with all responses times a factor (exposure, gain)."""

@@ -32,7 +32,7 @@ def field_taps(
         otf: the blur that is alike all over the field; None: none.
 
     Returns:
-        Taps (K, 1|M, 1|N, Tr, Tc), float64 for the whole field, float32 where they vary.
+        Taps (K, 1|M, 1|N, Tr, Tc), float64 for the whole field, float32 where they vary; (K, T) where that says all.
     """
     count = 8 if len(field.rays) > 1 else PIECES_PER_BAND
     edges, _ = pieces(lower_nm, upper_nm, count)
@@ -42,7 +42,8 @@ def field_taps(
     edges, weight = pieces(lower_nm, upper_nm, count, passed)
     found = Displacements(field, edges, error)
     paths = _Paths(field, found, edges, weight)
-    return _boxes(paths) if otf is None else _blurred(paths, Window.fitting(paths.lines(otf), error))
+    landing = _boxes(paths) if otf is None else _blurred(paths, Window.fitting(paths.lines(otf), error))
+    return landing.simplified()
 
 
 class _Paths:

@@ -14,7 +14,13 @@ from optsim.errors import InputError
 if TYPE_CHECKING:
     import xarray as xr
 
-FORMAT = "optsim-frames-1"
+FORMAT = "optsim-frames-2"
+READABLE = ("optsim-frames-1", FORMAT)
+"""Format 1 has only the simple form of H."""
+
+REQUIRED = ("frames", "mask", "response", "shift_px", "first_column", "tap")
+OPTIONAL = ("first_row", "mirror", "pixel_gain", "layer_bin")
+FIELD = ("wavelength", "field_y", "field_x")
 UNITS = ("relative", "electron", "DN")
 CHANNEL_NAMES = {1: ("sensor",), 3: ("red", "green", "blue")}
 
@@ -45,11 +51,16 @@ def make_frames(values: np.ndarray, model: BandModel, attrs: Mapping[str, Any]) 
         "mask": (("shot", "mirror_y", "mirror_x"), model.masks),
         "response": (("curve", "wavelength"), model.response),
         "shift_px": ("wavelength", model.shift_px),
-        "first_column": ("wavelength", model.first_column.astype(np.int64)),
-        "tap": (("wavelength", "column"), model.taps),
+        **_columns(model),
     }
     if model.mosaic is not None:
         data["cfa"] = (("y", "x"), model.mosaic.astype(np.int8))
+    if model.mirrors is not None:
+        data["mirror"] = (("shot", "mirror_y", "mirror_x"), model.mirrors)
+    if model.gain is not None:
+        data["pixel_gain"] = (("y", "x"), model.gain)
+    if model.bins is not None:
+        data["layer_bin"] = ("channel", np.array(model.bins, np.int64))
     coords = {
         "wavelength": ("wavelength", bands.center.copy(), {"units": "nm", "standard_name": "radiation_wavelength"}),
         "band_lower": ("wavelength", bands.lower.copy(), {"units": "nm"}),
@@ -57,9 +68,23 @@ def make_frames(values: np.ndarray, model: BandModel, attrs: Mapping[str, Any]) 
         "curve": ("curve", np.array(model.curve_names)),
         "channel": ("channel", np.array(CHANNEL_NAMES[channels])),
     }
-    dataset = xr.Dataset(data, coords=coords, attrs={"format": FORMAT, "sensor": model.sensor, "offset": 0.0, **attrs})
+    notes = {"format": FORMAT, "sensor": model.sensor, "offset": 0.0, "crosstalk": model.crosstalk, **attrs}
+    dataset = xr.Dataset(data, coords=coords, attrs=notes)
     check_frames(dataset)
     return dataset
+
+
+def _columns(model: BandModel) -> dict[str, Any]:
+    """Return the variables that say where light lands."""
+    first = model.first_column.astype(np.int64)
+    if model.taps.ndim == 2:
+        return {"first_column": ("wavelength", first), "tap": (("wavelength", "column"), model.taps)}
+    assert model.first_row is not None
+    return {
+        "first_row": (FIELD, model.first_row.astype(np.int64)),
+        "first_column": (FIELD, first),
+        "tap": ((*FIELD, "row", "column"), model.taps),
+    }
 
 
 def check_frames(frames: xr.Dataset) -> None:
@@ -68,9 +93,11 @@ def check_frames(frames: xr.Dataset) -> None:
     Raises:
         InputError: naming the variable or attribute.
     """
-    if frames.attrs.get("format") != FORMAT:
-        raise InputError("format", frames.attrs.get("format"), repr(FORMAT))
-    for name in ("frames", "mask", "response", "shift_px", "first_column", "tap"):
+    if frames.attrs.get("format") not in READABLE:
+        raise InputError("format", frames.attrs.get("format"), " or ".join(repr(name) for name in READABLE))
+    for name in (*REQUIRED, *OPTIONAL):
+        if name in OPTIONAL and name not in frames:
+            continue
         if name not in frames:
             raise InputError(name, sorted(map(str, frames.data_vars)), "a variable of the file")
         if not np.isfinite(frames[name].values).all():
@@ -89,17 +116,28 @@ def band_model_of(frames: xr.Dataset) -> BandModel:
         InputError: see :func:`check_frames`.
     """
     check_frames(frames)
+
+    def optional(name: str) -> np.ndarray | None:
+        return frames[name].values if name in frames else None
+
+    taps, bins = frames["tap"].values, optional("layer_bin")
+    masks = frames["mask"].values
     return BandModel(
-        masks=frames["mask"].values.astype(np.uint8),
+        masks=masks.astype(np.float64 if masks.dtype.kind == "f" else np.uint8),
         response=frames["response"].values.astype(np.float64),
         first_column=frames["first_column"].values.astype(np.int64),
-        taps=frames["tap"].values.astype(np.float64),
+        taps=taps if taps.ndim == 5 else taps.astype(np.float64),
         shift_px=frames["shift_px"].values.astype(np.float64),
         mosaic=frames["cfa"].values.astype(np.int8) if "cfa" in frames else None,
         width=int(frames.sizes["x"]),
         bands=Bands(frames["band_lower"].values, frames["band_upper"].values, frames["wavelength"].values),
         sensor=str(frames.attrs["sensor"]),
         curve_names=tuple(str(name) for name in frames["curve"].values),
+        first_row=optional("first_row"),
+        mirrors=optional("mirror"),
+        gain=optional("pixel_gain"),
+        bins=None if bins is None else tuple(int(side) for side in bins),
+        crosstalk=float(frames.attrs.get("crosstalk", 0.0)),
     )
 
 
@@ -110,13 +148,16 @@ def signal_of(frames: xr.Dataset) -> np.ndarray:
 
 
 def with_unit_shifts(frames: xr.Dataset) -> xr.Dataset:
-    """Return the same data whose H believes that band k lands exactly k columns on: what a matched set-up hides."""
+    """Return the same data whose H believes in perfect mirrors and pixels, and that band k lands exactly k columns on.
+
+    That is what a matched set-up hides. Layers that are binned stay so.
+    """
     import xarray as xr
 
     check_frames(frames)
     count = frames.sizes["wavelength"]
-    changed = frames.drop_vars("tap").assign(
+    changed = frames.drop_vars(["tap", "first_row", "first_column", "mirror", "pixel_gain"], errors="ignore").assign(
         first_column=("wavelength", np.arange(count, dtype=np.int64)),
         tap=xr.DataArray(np.ones((count, 1)), dims=("wavelength", "column")),
     )
-    return changed.assign_attrs(operator="unit-shift")
+    return changed.assign_attrs(operator="unit-shift", crosstalk=0.0)

@@ -30,6 +30,12 @@ class Landing:
     taps: np.ndarray
     first_row: np.ndarray | None = None
 
+    def simplified(self) -> Landing:
+        """Return the form (K,), (K, T) where one row of taps in the mirror's row serves the whole field."""
+        if self.first_row is None or self.first_row.any() or self.taps.shape[1:4] != (1, 1, 1):
+            return self
+        return Landing(self.first_column[:, 0, 0], self.taps[:, 0, 0, 0])
+
 
 def pieces(lower_nm: np.ndarray, upper_nm: np.ndarray, count: int, passed: Passed | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Cut bands into pieces of equal width in nm and weigh them by their photons (lambda d lambda) that pass.

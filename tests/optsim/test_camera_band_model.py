@@ -10,9 +10,11 @@ from optsim.camera import (
     CameraConfig,
     CenterTable,
     Distinct,
+    Exact,
     Foveon,
     Mono,
     Noise,
+    Quattro,
     Relay,
     UnitShift,
     band_model_of,
@@ -26,6 +28,7 @@ from optsim.camera import (
     with_unit_shifts,
 )
 from optsim.camera.band_model import spread_taps
+from optsim.camera.frames import make_frames
 from optsim.cube import Bands, make_cube
 from optsim.errors import InputError
 
@@ -259,3 +262,35 @@ def test_broken_files_are_refused_by_variable():
     bad["frames"].values[0, 0, 1, 2] = np.nan
     with pytest.raises(InputError, match=r"\(0, 0, 1, 2\)"):
         check_frames(bad)
+
+
+def _full_frames(sensor, seed=3):
+    """Frames that the camera's own H makes, with everything in it."""
+    camera = CameraConfig(dmd={"rotation_deg": 2.0}, sensor={"crosstalk": 0.03})
+    bands = Bands.from_edges([470, 480, 560, 580])
+    masks = masks_for(sensor, 2, Distinct(), (9, 8), seed)
+    model = physical_model(camera, sensor, bands, masks, Exact())
+    cube = np.random.default_rng(seed).random((9, 8, 3))
+    return make_frames(model.operator().forward(cube), model, {"units": "electron", "model": "physical", "masks": "distinct"}), cube
+
+
+@pytest.mark.parametrize("sensor", [Mono(), Bayer.nikon(), Quattro.physical()], ids=["mono", "bayer", "quattro"])
+def test_a_file_of_the_full_h_gives_a_stranger_the_same_operator(tmp_path, sensor):
+    from optsim.files import read, write
+
+    frames, cube = _full_frames(sensor)
+    assert {"first_row", "mirror", "pixel_gain"} < set(frames.data_vars)
+    write(frames, tmp_path / "frames.nc")
+    again = read(tmp_path / "frames.nc")
+    np.testing.assert_allclose(band_model_of(again).operator().forward(cube), frames["frames"].values, rtol=1e-14)
+    unit = band_model_of(with_unit_shifts(again))
+    assert unit.mirrors is unit.gain is unit.first_row is None
+    assert unit.operator().forward(cube).shape == frames["frames"].shape
+
+
+def test_files_of_format_1_are_still_read():
+    frames = measure_matched(cube_of((4, 5), PAPER), Mono(), np.ones((1, 4, 5)))
+    old = frames.assign_attrs(format="optsim-frames-1")
+    del old.attrs["crosstalk"]
+    cube = np.random.default_rng(0).random((4, 5, 24))
+    np.testing.assert_array_equal(band_model_of(old).operator().forward(cube), band_model_of(frames).operator().forward(cube))
