@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optsim.camera.optics_config import DmdConfig
 from optsim.camera.relay import Relay
 from optsim.errors import InputError
 
@@ -22,17 +21,19 @@ class MirrorMount:
     corner of the last column and first row nearer to the relay.
 
     Args:
-        dmd: rotation, scale and tilt.
-        collimator_mm: the relay's distance from the mirrors.
+        collimator_mm: the relay's distance from their middle.
+        tilt_deg, rotation_deg, scale: see ``DmdConfig``.
     """
 
-    dmd: DmdConfig
     collimator_mm: float
+    tilt_deg: float = 0.0
+    rotation_deg: float = 0.0
+    scale: float = 1.0
 
     @property
     def in_place(self) -> bool:
         """Tell whether the mirrors stand as they should, untilted, unturned and to scale."""
-        return self.dmd.tilt_deg == 0 and self.dmd.rotation_deg == 0 and self.dmd.scale == 1
+        return self.tilt_deg == 0 and self.rotation_deg == 0 and self.scale == 1
 
     def place(self, X_mm: np.ndarray, Y_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (x, y, o) in mm: where a point of the mirrors is across the axis, and its distance from the lens (C.27).
@@ -40,7 +41,7 @@ class MirrorMount:
         Raises:
             InputError: field ``dmd.tilt_deg`` when the mirrors would reach the lens.
         """
-        turn, scale, tilt = math.radians(self.dmd.rotation_deg), self.dmd.scale, math.radians(self.dmd.tilt_deg)
+        turn, scale, tilt = math.radians(self.rotation_deg), self.scale, math.radians(self.tilt_deg)
         x = scale * (math.cos(turn) * X_mm - math.sin(turn) * Y_mm)
         y = scale * (math.sin(turn) * X_mm + math.cos(turn) * Y_mm)
         if tilt == 0:
@@ -49,7 +50,7 @@ class MirrorMount:
         distance = self.collimator_mm - across * math.sin(tilt)
         if np.any(distance < self.collimator_mm / 10):
             raise InputError(
-                "dmd.tilt_deg", self.dmd.tilt_deg, f"an angle that keeps the field within 0.9 x {self.collimator_mm:g} mm of depth"
+                "dmd.tilt_deg", self.tilt_deg, f"an angle that keeps the field within 0.9 x {self.collimator_mm:g} mm of depth"
             )
         across = across * math.cos(tilt)
         return (along + across) * _HALF, (along - across) * _HALF, distance

@@ -51,6 +51,11 @@ class Relay(Model):
         return self.focal_mm / self.collimator_mm
 
     @property
+    def stop_radius_mm(self) -> float:
+        """Return the radius of the light cone's stop at the lenses: f1 / (2 f_number)."""
+        return self.collimator_mm / (2 * self.f_number)
+
+    @property
     def projected_solid_angle_sr(self) -> float:
         """Return pi sin^2(theta) of the cone at the mirrors, sin(theta) = 1 / (2 f_number), in sr (theory.md (C.8))."""
         return math.pi / (4 * self.f_number**2)

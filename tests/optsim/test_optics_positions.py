@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from optsim.camera import CameraConfig, glass
+from optsim.camera import CameraConfig, Dispersion, glass
 from optsim.camera.faces import Faces
 from optsim.camera.pupil import rings
 from optsim.errors import InputError
@@ -43,6 +43,12 @@ def test_a_chief_ray_given_as_the_pupil_s_middle_is_the_chief_ray():
     camera = CameraConfig(dmd={"tilt_deg": 24}, relay={"distortion_per_mm2": 1e-3, "defocus_mm": 0.1})
     one, other = camera.optics.position_px(BAND, 1.0, -0.5), camera.optics.position_px(BAND, 1.0, -0.5, (0.0, 0.0))
     assert all(np.array_equal(a, b) for a, b in zip(one, other))
+
+
+def test_a_wavelength_is_found_again_from_where_the_whole_path_lands_it():
+    optics = CameraConfig(dmd={"tilt_deg": 24.0, "offset_x_px": 3.0}, relay={"distortion_per_mm2": 1e-3}).optics
+    assert isinstance(optics, Dispersion)
+    assert np.allclose(optics.wavelength_at(optics.position_px(BAND)[0]), BAND, rtol=0, atol=1e-8)
 
 
 # --- registration ----------------------------------------------------------------------------------------------
@@ -321,3 +327,6 @@ def test_transmission_is_the_prism_s_own_at_the_angle_that_the_light_arrives_at(
     expected = camera.dispersion.transmission(BAND, X, Y)
     assert np.allclose(camera.optics.transmission(BAND, 1.0, 0.4), expected, rtol=1e-12)
     assert (expected < 0.95).all()
+    edge = CameraConfig(relay={"converging": True}).optics.transmission(550.0, 0.0, 0.0, (1.0, 0.0))
+    slope = 0.5 / 8 * F1 / F2  # of the cone behind the lens
+    assert edge == pytest.approx(float(camera.dispersion.transmission(550.0, -slope * F1, 0.0)), rel=1e-12)
