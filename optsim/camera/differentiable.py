@@ -44,7 +44,7 @@ class _Reach(NamedTuple):
 
     affine: np.ndarray
     reach: tuple[float, float]
-    count: tuple[int, int]
+    candidates: tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class DifferentiableMeasurement:
         """
         k = self._kernels()
         t = k.backend
-        values = self.optics.inputs(k, values) if values is None or np.isscalar(values.scale) else values
+        values = self.optics.inputs(k, values) if values is None or isinstance(values.scale, float | int) else values
         light = t.Float64(np.ascontiguousarray(cube, np.float64).ravel()) if isinstance(cube, np.ndarray) else cube
         tensor = t.TensorXf64(np.ascontiguousarray(masks, np.float64)) if isinstance(masks, np.ndarray) else masks
         fine = (self.mirrors[0] * self.samples, self.mirrors[1] * self.samples, self.bands.count)
@@ -157,7 +157,7 @@ class DifferentiableMeasurement:
         t, dr = k.backend, k.dr
         channels, rows, width = self.shape
         found = self._reach(values.numbers())
-        block = self.bands.count * found.count[0] * found.count[1]
+        block = self.bands.count * found.candidates[0] * found.candidates[1]
         if rows * width * block > MAX_LANES:
             raise InputError("lanes", rows * width * block, f"at most {MAX_LANES}: fewer mirrors, wavelengths or samples")
         lane = _Lanes(k, self, found)
@@ -225,7 +225,7 @@ class _Lanes:
         t, dr = k.backend, k.dr
         self.k, self.m = k, m
         _, rows, width = m.shape
-        (down, across), waves = found.count, m.bands.count
+        (down, across), waves = found.candidates, m.bands.count
         lane = dr.arange(t.UInt32, rows * width * waves * down * across)
         q, rest = lane % across, lane // across
         p, rest = rest % down, rest // down

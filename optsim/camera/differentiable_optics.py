@@ -49,7 +49,7 @@ class OpticsValues(NamedTuple):
 
     def numbers(self) -> OpticsValues:
         """Return plain floats, without gradients."""
-        return self.with_leaves([float(leaf if np.isscalar(leaf) else leaf[0]) for leaf in self.leaves()])
+        return self.with_leaves([float(leaf) if isinstance(leaf, float | int) else float(leaf[0]) for leaf in self.leaves()])
 
     def names(self) -> list[str]:
         """Return a name with unit for every leaf."""
