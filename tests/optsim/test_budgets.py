@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from optsim.camera import Bayer, CameraConfig, Distinct, Foveon, Mono, Quattro, Repeated, SiliconLayers, sensors
+from optsim.camera.absolute import AssumedEfficiencies
 from optsim.camera.amplification import RED_GREEN_BLUE_NM, noise_amplification
 from optsim.camera.budgets import EqualFill, EqualMasks, EqualPatterns, EqualScalars, EqualTime, PaperRatio, budgets, check_same_budget
 from optsim.camera.radiometry import photon_integral, smallest_cone_sr
@@ -154,3 +155,13 @@ def test_the_cone_is_the_narrowest_of_objective_relay_and_mirrors():
     camera = CameraConfig(relay={"f_number": 4.0}, objective={"f_number": 8.0})
     stopped = CameraConfig(relay={"f_number": 4.0}, objective={"f_number": 8.0, "focal_mm": 50.0})
     assert camera.throughput_m2_sr == pytest.approx(4 * stopped.throughput_m2_sr)
+
+
+def test_assumed_efficiencies_are_the_curves_maxima_and_the_layers_largest_sum():
+    mono, bayer, foveon = AssumedEfficiencies().sensors()
+    assert mono.curve.maximum == pytest.approx(0.5)
+    assert max(curve.maximum for curve in bayer.curves) == pytest.approx(0.5)
+    assert foveon.response(np.linspace(400, 680, 281)).sum(0).max() == pytest.approx(0.6)
+    swept = AssumedEfficiencies().swept(1.3).sensors()
+    assert swept[0].curve.maximum == pytest.approx(0.5)
+    assert swept[1].green.maximum == pytest.approx(0.65)
