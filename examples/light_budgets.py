@@ -2,10 +2,11 @@
 
     python examples/light_budgets.py
 
-Photographs the colour checker with the traced prism, shot noise, read noise of 10 electrons and 16 bits over 200,000 electrons, under the budgets
-A to F; inverts every measurement the same way; prints the scores and draws light_budgets.png. "Light" is the charge of the
-brightest pixel of one monochrome shot of a colour shot's exposure. The efficiencies are assumed (mono and Bayer 0.5 at their
-peaks, the Foveon's layers together 0.6); the last table sweeps those of the colour sensors by 30 per cent.
+Photographs the colour checker with the traced prism, shot noise, read noise of 10 electrons and 16 bits over a well of
+200,000, under the budgets A to F; inverts every measurement the same way; prints the scores and draws light_budgets.png.
+"Light" is the charge of the brightest pixel of one monochrome shot of a colour shot's exposure. The efficiencies are assumed
+(mono and Bayer 0.5 at their peaks, the Foveon's layers together 0.6); the last table sweeps those of the colour sensors by
+30 per cent.
 Set OPTSIM_QUICK=1 for 24 x 24 mirrors and two levels.
 """
 
