@@ -148,7 +148,7 @@ class ConvergingArm:
         return cast(upright, self.relay.stop_radius_mm, self.power_per_mm, (wavelength_nm, 0.0, 0.0), pupil)
 
     def _behind_faces(self, beam: Beam) -> tuple[np.ndarray, ...]:
-        position = beam.x, beam.y, np.full(beam.x.shape, -self._start_mm)
+        position = beam.x, beam.y, np.asarray(-self._start_mm)
         x, y, z, slope_x, slope_y, valid = self._faces.trace(beam.wavelength_nm, position, (beam.slope_x, beam.slope_y))
         return x, y, z + self._start_mm, slope_x, slope_y, valid
 

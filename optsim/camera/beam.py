@@ -13,7 +13,7 @@ from optsim.errors import InputError
 
 
 class Beam(NamedTuple):
-    """Hold rays behind the first lens, where the prism stands; all of one shape.
+    """Hold rays behind the first lens, where the prism stands; shapes broadcast together.
 
     Args:
         wavelength_nm: of each ray.
@@ -50,8 +50,7 @@ def cast(
     x, y, distance = mirrors.place(field_points(point[1], "X_mm"), field_points(point[2], "Y_mm"))
     u, v = (np.zeros(()), np.zeros(())) if pupil is None else _disc(pupil)
     across, up, bend = radius_mm * u, radius_mm * v, 1 / distance - power_per_mm
-    arrays = np.asarray(point[0], np.float64), across, up, x / distance + across * bend, y / distance + up * bend
-    return Beam(*np.broadcast_arrays(*arrays))
+    return Beam(np.asarray(point[0], np.float64), across, up, x / distance + across * bend, y / distance + up * bend)
 
 
 def _disc(pupil: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -48,14 +48,14 @@ def test_defocus_dims_the_middle_by_strehl_s_closed_form(phase):
 
 
 def test_the_defocused_otf_is_the_autocorrelation_of_the_pupil():
-    phase, size, half = 4.0, 2048, 300
+    phase, size, half = 4.0, 1024, 200
     y, x = (np.arange(size) - size // 2)[:, None] / half, (np.arange(size) - size // 2) / half
     square = x**2 + y**2
     pupil = (square <= 1) * np.exp(1j * phase * square)
-    otf = np.fft.ifft2(np.abs(np.fft.fft2(pupil)) ** 2)[0, : 2 * half + 1 : 25]
-    s = np.arange(0, 2 * half + 1, 25) / half
+    otf = np.fft.ifft2(np.abs(np.fft.fft2(pupil)) ** 2)[0, : 2 * half + 1 : 20]
+    s = np.arange(0, 2 * half + 1, 20) / half
     assert np.abs(otf.imag).max() < 1e-9 * abs(otf[0])
-    assert np.allclose(airy_otf(s / 2 * CUTOFF, NM, N, defocus_of(phase)), (otf / otf[0]).real, rtol=0, atol=3e-3)
+    assert np.allclose(airy_otf(s / 2 * CUTOFF, NM, N, defocus_of(phase)), (otf / otf[0]).real, rtol=0, atol=5e-3)
 
 
 def test_a_large_defocus_becomes_the_geometrical_disc():
