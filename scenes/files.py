@@ -25,6 +25,7 @@ from scenes.textures import Textured
 from scenes.viewpoint import Orthographic, Perspective, ThinLens
 
 FORMAT = "optsim-scene-1"
+MAX_INLINE_WEIGHTS = 1000
 Kinds = dict[str, type[Model]]
 
 MATERIAL_KINDS: Kinds = {
@@ -74,11 +75,19 @@ def read_scene(path: Path | str) -> Scene:
 def write_scene(scene: Scene, path: Path | str) -> None:
     """Write a scene as TOML or JSON, by the file's suffix; it reads back as an equal scene.
 
+    Weights of textures of more than 1000 numbers go into NPY files beside it, named after the file and the material.
+
     Raises:
         InputError: for another suffix, or a scene that needs more than 1 MiB (a big mesh).
     """
     path = Path(path)
     data = scene_to_data(scene)
+    tables: dict[str, np.ndarray] = {}
+    for number, (name, material) in enumerate(scene.materials.items()):
+        if isinstance(material, Textured) and material.weights.size > MAX_INLINE_WEIGHTS:
+            file = f"{path.stem}-texture{number}.npy"
+            tables[file] = material.weights
+            data["materials"][name]["weights"] = file
     if path.suffix.lower() == ".toml":
         import tomli_w
 
@@ -89,6 +98,8 @@ def write_scene(scene: Scene, path: Path | str) -> None:
         raise InputError("scene", str(path), "a scene file of type .toml or .json")
     if len(text.encode()) > MAX_BYTES:
         raise InputError("scene", len(text.encode()), f"at most {MAX_BYTES} bytes as text (keep big meshes in files of their own)")
+    for file, table in tables.items():
+        np.save(path.parent / file, table)
     path.write_text(text, encoding="utf-8")
 
 

@@ -17,6 +17,7 @@ from scenes.spectrum import WIDE_RANGE_NM, Spectrum
 DATA = Path(__file__).resolve().parent / "data"
 ILLUMINANT_FILES = {"xenon": ("kinoton_75p.csv", "Kinoton 75P"), "D65": ("cie_d65.csv", "D65"), "A": ("cie_a.csv", "A")}
 SENSOR_FILES = {"nikon-5100": "nikon_5100_npl.csv", "sigma-sd-merrill": "sigma_sd_merrill_npl.csv"}
+SAMPLES_FILE = "cie_224_samples.csv"
 CHANNELS = ("red", "green", "blue")
 
 PLANCK_H = 6.62607015e-34
@@ -43,15 +44,42 @@ def reflectances() -> tuple[str, ...]:
 
 
 def reflectance(name: str) -> Spectrum:
-    """Return the reflectance of a chart's patch, 380 to 730 nm in steps of 10 nm.
+    """Return the reflectance of a chart's patch (380 to 730 nm in steps of 10 nm) or of a colour sample (380 to 780, 5 nm).
+
+    Args:
+        name: one of :func:`reflectances` or of :func:`samples`.
 
     Raises:
         InputError: field ``reflectance`` for an unknown name, listing all.
     """
     table = read_table("babelcolor_average.csv")
-    if name not in table:
-        raise InputError("reflectance", name, f"one of {', '.join(table)}{did_you_mean(name, table)}")
-    return table[name]
+    if name in table:
+        return table[name]
+    more = read_table(SAMPLES_FILE)
+    if name not in more:
+        known = f"{', '.join(table)}, or cie224-01 to cie224-{len(more)}"
+        raise InputError("reflectance", name, f"one of {known}{did_you_mean(name, [*table, *more])}")
+    return more[name]
+
+
+def samples() -> tuple[str, ...]:
+    """Return the names of the 99 colour samples of CIE 224:2017, in order of hue."""
+    return tuple(read_table(SAMPLES_FILE))
+
+
+def training_samples() -> tuple[str, ...]:
+    """Return every other one of :func:`samples`, 50: to learn from. None is a test sample or a patch of the chart."""
+    return samples()[::2]
+
+
+def test_samples() -> tuple[str, ...]:
+    """Return the other 49 of :func:`samples`: to test with."""
+    return samples()[1::2]
+
+
+def observer() -> dict[str, Spectrum]:
+    """Return the colour matching functions x, y, z of the CIE 1931 2 degree observer, 360 to 830 nm in steps of 1 nm."""
+    return read_table("cie_1931_2deg.csv")
 
 
 def illuminant(name: str) -> Spectrum:

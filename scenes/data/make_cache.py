@@ -32,7 +32,21 @@ def tables() -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
         values = np.asarray(curves.values, np.float64)
         return np.asarray(curves.wavelengths, np.float64), {str(label): values[:, i] for i, label in enumerate(curves.labels)}
 
+    def observer(name: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        curves = colour.MSDS_CMFS[name]
+        values = np.asarray(curves.values, np.float64)
+        return np.asarray(curves.wavelengths, np.float64), {label: values[:, i] for i, label in enumerate(("x", "y", "z"))}
+
+    def samples() -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        from colour.quality.cfi2017 import load_TCS_CIE2017
+
+        curves = load_TCS_CIE2017(colour.SpectralShape(380, 780, 5))
+        values = np.asarray(curves.values, np.float64)
+        return np.asarray(curves.wavelengths, np.float64), {f"cie224-{i + 1:02d}": values[:, i] for i in range(values.shape[1])}
+
     return {
+        "cie_1931_2deg.csv": observer("CIE 1931 2 Degree Standard Observer"),
+        "cie_224_samples.csv": samples(),
         "babelcolor_average.csv": distributions(dict(colour.SDS_COLOURCHECKERS["BabelColor Average"])),
         "kinoton_75p.csv": distributions({"Kinoton 75P": colour.SDS_LIGHT_SOURCES["Kinoton 75P"]}),
         "cie_d65.csv": distributions({"D65": colour.SDS_ILLUMINANTS["D65"]}),
