@@ -36,7 +36,7 @@ fine_bands = bands.subdivide(10, cover=(camera.bandpass.lower_nm, camera.bandpas
 fine = render(scene_by_name("color-checker").build(), fine_bands, (size, size), RenderSettings(oversample=2, error=0.03))
 truth = band_mean(block_mean(fine, 2), bands)["radiance"].values
 sensors = dict(zip(("mono", "bayer", "foveon"), AssumedEfficiencies().sensors()))
-rule = AutoTau(path=TauPath(fractions=(1e-1, 1e-2, 1e-3, 1e-4)))
+rule = AutoTau(path=TauPath(fractions=(5e-1, 2e-1, 1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4)))
 
 
 @cache
@@ -80,7 +80,7 @@ for name in ("bayer", "foveon"):
     values = [noise_amplification(sensors[name], illuminant("xenon"), level, 10.0) for level in levels]
     print(f"  {name:7s} variance x " + ", ".join(f"{v.ratio:.1f} at {level} electrons" for v, level in zip(values, levels)))
 
-level = levels[0]
+level = 500
 print(f"\nThe colour sensors' assumed efficiency -30 %, as it is, +30 % (budget B, {level} electrons):")
 for name in ("bayer", "foveon"):
     swept = [AssumedEfficiencies().swept(f).sensors()[1 if name == "bayer" else 2] for f in (0.7, 1.0, 1.3)]
