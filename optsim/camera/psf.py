@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -51,10 +52,15 @@ def defocus_phase_rad(wavelength_nm: float, f_number: float, defocus_mm: float) 
 
 def _radial(s: np.ndarray, phase_rad: float) -> np.ndarray:
     """Integrate (C.33) by Gauss-Legendre at frequencies s, 2 being the cutoff."""
-    nodes, weights = np.polynomial.legendre.leggauss(32 + math.ceil(phase_rad / 1.5))
+    nodes, weights = _legendre(32 + math.ceil(phase_rad / 1.5))
     inside = np.minimum(s, 2.0)[..., None] / 2
     top = np.arccos(inside)
     angle = top * (nodes + 1) / 2
     reach = np.cos(angle) - inside
     turns = 4 * phase_rad * inside * reach / math.pi
     return np.asarray((2 * top / math.pi * reach * np.sinc(turns) * np.cos(angle)) @ weights)
+
+
+@functools.lru_cache(maxsize=64)
+def _legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.polynomial.legendre.leggauss(count)

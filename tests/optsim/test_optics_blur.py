@@ -14,12 +14,12 @@ from optsim.camera.pupil import rings
 NM = 550.0
 N = 5.0
 CUTOFF = 1 / (NM * 1e-6 * N)
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
 
 
 def spread(radius_mm, defocus_mm=0.0):
     """Return the point spread at a radius: the Hankel transform of the OTF."""
-    f, w = np.polynomial.legendre.leggauss(400)
-    f, w = (f + 1) / 2 * CUTOFF, w / 2 * CUTOFF
+    f, w = (NODES + 1) / 2 * CUTOFF, WEIGHTS / 2 * CUTOFF
     otf = airy_otf(f, NM, N, defocus_mm)
     return 2 * math.pi * (w * otf * f) @ j0(2 * math.pi * np.outer(f, np.atleast_1d(radius_mm)))
 
