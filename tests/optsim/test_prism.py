@@ -1,4 +1,4 @@
-"""The prism against closed forms, invariants, a vector Snell law, complex-step derivatives and optiland."""
+"""The prism against closed forms, invariants, a vector Snell law and complex-step derivatives."""
 
 import math
 
@@ -167,35 +167,6 @@ def test_P11_light_sent_back_returns_to_its_start_in_float32():
     there = trace_faces(k.ops, kx, kz, Float(1), tilts(*faces), excess)
     back = reversed_trace(k.ops, there.kx, there.kz, Float(1), faces, excess)
     assert np.abs(np.array(back.kx) + np.array(kx)).max() < 1e-6
-
-
-def test_optiland_lands_on_the_same_place_to_1e_9_px_on_random_stacks():
-    optic = pytest.importorskip("optiland.optic", reason="judge optiland is not installed")
-    materials = pytest.importorskip("optiland.materials")
-    rays = pytest.importorskip("optiland.rays")
-    rng = np.random.default_rng(3)
-    for _ in range(12):
-        faces, names = random_stack(rng)
-        L, M = rng.uniform(-0.1, 0.1, (2, 40))
-        wavelength = rng.uniform(400, 700, 40)
-        N = np.sqrt(1 - L**2 - M**2)
-        system = optic.Optic()
-        system.surfaces.add(index=0, thickness=np.inf)
-        system.surfaces.add(index=1, thickness=10.0, is_stop=True)
-        for i, (tilt, name) in enumerate(zip(faces, names)):
-            material = "air" if name is None else materials.Material(name, reference="schott")
-            system.surfaces.add(index=2 + i, thickness=10.0, ry=tilt, material=material)
-        system.surfaces.add(index=6)
-        system.wavelengths.add(value=0.55, is_primary=True)
-        zero = np.zeros(40)
-        bundle = rays.RealRays(zero, zero, zero - 1, L, M, N, zero + 1, wavelength / 1000)
-        system.surfaces.trace(bundle)
-        excess = [0.0 if n is None else glass(n).index(wavelength) ** 2 - 1 for n in names]
-        traced = trace_faces(NUMPY, L, N, 1.0, tilts(*faces), excess)
-        assert traced.valid.all()
-        pixels = 100 / 0.0099
-        assert np.abs(traced.kx / traced.kz - np.asarray(bundle.L) / np.asarray(bundle.N)).max() * pixels < 1e-9
-        assert np.abs(M / traced.kz - np.asarray(bundle.M) / np.asarray(bundle.N)).max() * pixels < 1e-9
 
 
 # --- lost rays -------------------------------------------------------------------------------------------------

@@ -1,5 +1,7 @@
 """Glass: catalogue values, and refusal of every wavelength that a Sellmeier formula answers with a plausible wrong number."""
 
+from importlib import resources
+
 import numpy as np
 import pytest
 
@@ -86,6 +88,7 @@ def test_a_range_upside_down_is_refused():
 def test_indices_agree_with_optiland_to_the_last_bits():
     materials = pytest.importorskip("optiland.materials", reason="judge optiland is not installed")
     wavelength = np.linspace(450, 670, 23)
+    folder = resources.files("optiland.database") / "data-nk" / "glass" / "schott"
     for name in glass_names():
-        judge = np.ravel(materials.Material(name, reference="schott").n(wavelength / 1000))
+        judge = np.ravel(materials.MaterialFile(str(folder / f"{name}.yml")).n(wavelength / 1000))
         np.testing.assert_allclose(glass(name).index(wavelength), judge, rtol=4e-16)
