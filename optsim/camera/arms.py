@@ -29,6 +29,10 @@ class Arm(Protocol):
     def focus_mm(self) -> float:
         """Return where the sensor belongs, in mm behind the lens."""
 
+    @property
+    def back_mm(self) -> float:
+        """Return where the arm ends, in mm behind the lens: the sensor cannot stand nearer."""
+
     def land(self, beam: Beam, sensor: SensorMount) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (x, y, valid) on the sensor in mm from the axis; 0 where lost."""
 
@@ -60,13 +64,19 @@ class CollimatedArm:
         """Return the second lens's focal length."""
         return self.relay.focal_mm
 
+    @property
+    def back_mm(self) -> float:
+        """Return 0: the lens itself."""
+        return 0.0
+
     def land(self, beam: Beam, sensor: SensorMount) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (x, y, valid) on the sensor in mm from the axis; 0 where lost."""
         f1, f2 = self.relay.collimator_mm, self.relay.focal_mm
         x, y, valid = self.dispersion.position_px(beam.wavelength_nm, beam.slope_x * f1, beam.slope_y * f1)
         scale = self.pixel_mm / f2
         slope_x, slope_y = (x - self._axis_px) * scale - beam.x / f2, y * scale - beam.y / f2
-        x, y = sensor.hit(beam.x, beam.y, slope_x, slope_y)
+        x, y, meets = sensor.hit(beam.x, beam.y, slope_x, slope_y)
+        valid = valid & meets
         return np.where(valid, x, 0.0), np.where(valid, y, 0.0), valid
 
     def origin_px(self, sensor: SensorMount) -> float:
@@ -99,7 +109,7 @@ class ConvergingArm:
 
     def __post_init__(self) -> None:
         thick, relay = self._faces.depth_mm[-1], self.relay
-        if self._start_mm < 0 or self._start_mm + thick >= relay.focal_mm:
+        if self._start_mm < 0 or self.back_mm >= relay.focal_mm:
             allowed = f"above {thick:.4g} (the prism's thickness), up to focal_mm = {relay.focal_mm:g} mm"
             raise InputError("relay.prism_to_sensor_mm", relay.prism_to_sensor_mm, allowed)
 
@@ -107,6 +117,11 @@ class ConvergingArm:
     def power_per_mm(self) -> float:
         """Return that of the one lens."""
         return 1 / self.relay.collimator_mm + 1 / self.relay.focal_mm
+
+    @property
+    def back_mm(self) -> float:
+        """Return where the last face crosses the axis."""
+        return self._start_mm + self._faces.depth_mm[-1]
 
     @functools.cached_property
     def focus_mm(self) -> float:
@@ -123,7 +138,8 @@ class ConvergingArm:
     def land(self, beam: Beam, sensor: SensorMount) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (x, y, valid) on the sensor in mm from the axis; 0 where lost."""
         x, y, z, slope_x, slope_y, valid = self._behind_faces(beam)
-        x, y = sensor.hit(x, y, slope_x, slope_y, z)
+        x, y, meets = sensor.hit(x, y, slope_x, slope_y, z)
+        valid = valid & meets
         return np.where(valid, x, 0.0), np.where(valid, y, 0.0), valid
 
     def origin_px(self, sensor: SensorMount) -> float:

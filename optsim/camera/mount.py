@@ -72,8 +72,8 @@ class SensorMount:
 
     def hit(
         self, x: np.ndarray, y: np.ndarray, slope_x: np.ndarray, slope_y: np.ndarray, start_mm: np.ndarray | float = 0.0
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return where rays meet the sensor, in mm along its own axes (theory.md (C.29)).
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (x, y, meets): where rays meet the sensor, in mm along its own axes, and whether they do (theory.md (C.29)).
 
         Args:
             x, y: a point of the ray, across the axis.
@@ -82,12 +82,15 @@ class SensorMount:
         """
         length = self.distance_mm - start_mm
         if self.slope == 0:
-            return x + length * slope_x, y + length * slope_y
+            x, y = np.broadcast_arrays(x + length * slope_x, y + length * slope_y)
+            return x, y, np.ones(x.shape, bool)
         across, rise = (x - y) * _HALF, (slope_x - slope_y) * _HALF
-        length = (length + self.slope * (across - self.pivot_mm * _HALF)) / (1 - self.slope * rise)
+        towards = 1 - self.slope * rise
+        meets = towards > 1e-6
+        length = (length + self.slope * (across - self.pivot_mm * _HALF)) / np.where(meets, towards, 1.0)
         x, y = x + length * slope_x, y + length * slope_y
         along, across = (x + y) * _HALF, (x - y) * _HALF * math.hypot(1, self.slope)
-        return (along + across) * _HALF, (along - across) * _HALF
+        return (along + across) * _HALF, (along - across) * _HALF, meets
 
 
 def sharp_slope(relay: Relay, tilt_deg: float) -> float:

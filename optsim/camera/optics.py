@@ -75,7 +75,7 @@ class Optics:
             (x, y, valid): x = 0 is the 455 nm pixel of X = 0, red positive; (0, 0, False) where no light arrives.
 
         Raises:
-            InputError: fields ``wavelength_nm``, ``X_mm``, ``pupil``, ``dmd.tilt_deg``, ``relay.distortion_per_mm2``.
+            InputError: fields ``wavelength_nm``, ``X_mm``, ``pupil``, ``dmd.tilt_deg``, ``relay.defocus_mm``, ``relay.distortion_per_mm2``.
         """
         dmd = self.camera.dmd
         if self._straight and pupil is None:
@@ -166,8 +166,10 @@ class Optics:
 
     @functools.cached_property
     def _sensor(self) -> SensorMount:
-        focus_mm = self._arm.focus_mm + self.camera.relay.defocus_mm
-        return SensorMount(focus_mm, self._slope, self._pivot_mm if self._slope else 0.0)
+        arm, defocus_mm = self._arm, self.camera.relay.defocus_mm
+        if arm.focus_mm + defocus_mm <= arm.back_mm:
+            raise InputError("relay.defocus_mm", defocus_mm, f"above {arm.back_mm - arm.focus_mm:.6g} mm, where lens and prism are")
+        return SensorMount(arm.focus_mm + defocus_mm, self._slope, self._pivot_mm if self._slope else 0.0)
 
     @functools.cached_property
     def _origin_px(self) -> float:

@@ -4,9 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from optsim.camera import CameraConfig, Dispersion, glass
 from optsim.camera.faces import Faces
+from optsim.camera.mount import SensorMount
 from optsim.camera.pupil import rings
 from optsim.errors import InputError
 
@@ -140,6 +143,21 @@ def test_mirrors_that_reach_the_lens_are_refused():
         camera.optics.position_px(550.0, *diagonal(11.0))
 
 
+def test_tilted_mirrors_are_as_sharp_in_the_converging_beam_as_upright_ones():
+    points = rings(64).points
+    for X, Y in ((1.75, -1.75), (-1.75, 1.75)):
+        upright, tilted = (
+            CameraConfig(relay={"converging": True}, dmd={"tilt_deg": t}).optics.position_px(550.0, X, Y, points) for t in (0.0, 24.0)
+        )
+        assert np.hypot(tilted[0].std(), tilted[1].std()) < 1.5 * np.hypot(upright[0].std(), upright[1].std())
+
+
+def test_a_ray_along_the_sensor_never_meets_it():
+    x, y, meets = SensorMount(100.0, 2.0).hit(*np.zeros((2, 3)), np.array([0.0, 0.35, 0.36]), np.array([0.0, -0.35, -0.36]))
+    assert meets.tolist() == [True, True, False]  # 2 x 0.36 x sqrt 2 > 1
+    assert np.isfinite([x, y]).all()
+
+
 # --- defocus and distortion ------------------------------------------------------------------------------------
 
 
@@ -150,6 +168,22 @@ def test_a_defocus_opens_the_cone_to_a_disc_of_defocus_over_the_f_number():
         assert (x[1] - x[0]) * PITCH_MM == pytest.approx(0.25 / optics.f_number, rel=1e-4)
         assert (y[3] - y[2]) * PITCH_MM == pytest.approx(0.25 / optics.f_number, rel=1e-4)
     assert optics.f_number == pytest.approx(8 * F2 / F1, rel=1e-14)
+
+
+def test_the_tilt_s_numbers_are_those_of_the_theory():
+    plain, tilted = CameraConfig().optics, CameraConfig(dmd={"tilt_deg": 24.0}).optics
+    corner = [np.subtract(a, b) for a, b in zip(*(o.position_px(550.0, 1.75, np.array([1.75, -1.75]))[:2] for o in (tilted, plain)))]
+    assert np.hypot(*corner).max() == pytest.approx(5.07, abs=0.01)
+    other = [np.subtract(a, b) for a, b in zip(*(o.position_px(550.0, -1.75, 1.75)[:2] for o in (tilted, plain)))]
+    assert math.hypot(*other) == pytest.approx(9.4, abs=0.05)
+    for wavelength, disc in ((455.0, 0.58), (660.0, 0.33)):
+        assert abs(tilted.defocus_mm(wavelength)) / tilted.f_number / PITCH_MM == pytest.approx(disc, abs=0.005)
+
+
+@pytest.mark.parametrize("relay", [{"focal_mm": 50.0, "defocus_mm": -60.0}, {"converging": True, "defocus_mm": -99.0}])
+def test_a_sensor_before_the_lens_or_in_the_prism_is_refused(relay):
+    with pytest.raises(InputError, match=r"relay\.defocus_mm"):
+        CameraConfig(relay=relay).optics.position_px(550.0, 0.0, 0.0)
 
 
 def test_distortion_moves_light_by_k_r_cubed():
@@ -277,6 +311,23 @@ def test_a_narrow_cone_in_the_converging_beam_sees_what_a_chief_ray_sees():
         assert np.abs(y - y0).max() < 0.02
 
 
+def test_the_converging_beam_s_numbers_are_those_of_the_theory():
+    optics, flat = CameraConfig(relay={"converging": True}).optics, CameraConfig().optics
+    points = optics.pupil().points
+    first, last = (float(optics.position_px(w)[0]) for w in (455.0, 660.0))
+    assert last - first == pytest.approx(22.50, abs=0.005)
+    assert np.diff(flat.position_px([455.0, 660.0])[0])[0] == pytest.approx(23.21, abs=0.005)
+    rms, aside = [], []
+    for wavelength in (455.0, 550.0, 660.0):
+        for X, Y in ((0.0, 0.0), (1.75, 1.75), (1.75, -1.75), (-1.75, 1.75)):
+            x, y, _ = optics.position_px(wavelength, X, Y, points)
+            x0, y0, _ = optics.position_px(wavelength, X, Y)
+            rms += [x.std(), y.std()]
+            aside.append(math.hypot(x.mean() - x0, y.mean() - y0))
+    assert (min(rms), max(rms)) == pytest.approx((0.10, 0.25), abs=0.005)
+    assert (min(aside), max(aside)) == pytest.approx((0.16, 0.30), abs=0.005)
+
+
 @pytest.mark.parametrize(
     ("camera", "field"),
     [
@@ -330,3 +381,36 @@ def test_transmission_is_the_prism_s_own_at_the_angle_that_the_light_arrives_at(
     edge = CameraConfig(relay={"converging": True}).optics.transmission(550.0, 0.0, 0.0, (1.0, 0.0))
     slope = 0.5 / 8 * F1 / F2  # of the cone behind the lens
     assert edge == pytest.approx(float(camera.dispersion.transmission(550.0, -slope * F1, 0.0)), rel=1e-12)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    tilt=st.floats(-59, 59),
+    focal=st.floats(5, 1e3),
+    f_number=st.floats(0.5, 100),
+    defocus=st.floats(-3, 3),
+    distortion=st.floats(-1e-3, 1e-2),
+    flags=st.tuples(st.booleans(), st.booleans()),
+    turn=st.floats(-10, 10),
+    wavelength=st.floats(420, 700),
+)
+def test_any_camera_gives_finite_places_and_shares_or_a_refusal(
+    tilt, focal, f_number, defocus, distortion, flags, turn, wavelength
+):  # fmt: skip
+    relay = {"focal_mm": focal, "f_number": f_number, "defocus_mm": defocus, "distortion_per_mm2": distortion}
+    camera = CameraConfig(
+        relay={**relay, "scheimpflug": flags[0], "converging": flags[1]}, dmd={"tilt_deg": tilt, "rotation_deg": turn, "scale": 1.1}
+    )
+    try:
+        optics = camera.optics
+        x, y, valid = optics.position_px(wavelength, FIELD[:, None, None], FIELD[:, None], rings(32).points)
+        passed = optics.transmission(wavelength, FIELD[:, None, None], FIELD[:, None], rings(32).points)
+        transfer = optics.otf(wavelength, FIELD[:, None], FIELD)
+    except InputError:
+        return
+    assert x.shape == y.shape == valid.shape == passed.shape == (5, 5, 36)
+    assert np.isfinite(x).all()
+    assert np.isfinite(y).all()
+    assert ((x == 0) & (y == 0))[~valid].all()
+    assert ((passed >= 0) & (passed <= 1)).all()
+    assert (np.abs(transfer) <= 1 + 1e-9).all()
