@@ -1,5 +1,8 @@
 """The one error for misuse: it names the field, what is allowed with its unit, and the value given."""
 
+LONGEST_SHOWN = 300
+"""A value whose text is longer is cut."""
+
 
 class InputError(ValueError):
     """Refuse an input; ``str(error)`` reads ``field: must be ALLOWED, got VALUE``.
@@ -11,7 +14,10 @@ class InputError(ValueError):
     """
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
-        super().__init__(f"{field}: must be {allowed}, got {value!r}")
+        shown = repr(value)
+        if len(shown) > LONGEST_SHOWN:
+            shown = f"{shown[: LONGEST_SHOWN - 20]}... ({len(shown)} characters)"
+        super().__init__(f"{field}: must be {allowed}, got {shown}")
         self.field = field
         self.value = value
         self.allowed = allowed

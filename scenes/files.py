@@ -12,7 +12,8 @@ import numpy as np
 
 from scenes import library
 from scenes.errors import InputError
-from scenes.file_spectra import MAX_BYTES, inside, parse_spectrum, require_keys, spectrum_data
+from scenes.file_shapes import FORMS, procedural_mesh
+from scenes.file_spectra import MAX_BYTES, inside, parse_spectrum, require_keys, spectrum_data, under
 from scenes.file_textures import texture_fields
 from scenes.lights import AreaLight, ConstantSky, DirectionalLight, GradientSky, PointLight
 from scenes.materials import Conductor, Dielectric, Diffuse, RoughPlastic
@@ -147,8 +148,11 @@ def scene_from_data(data: Any, folder: Path | None = None) -> Scene:
 def _build(data: Any, kinds: Kinds, place: str, folder: Path | None) -> Any:
     fields = dict(_table(data, place))
     kind = fields.pop("kind", None)
+    if kinds is SHAPE_KINDS and isinstance(kind, str) and kind in FORMS:
+        return under(place, procedural_mesh, kind, fields, place)
+    known = [*kinds, *FORMS] if kinds is SHAPE_KINDS else [*kinds]
     if not isinstance(kind, str) or kind not in kinds:
-        raise InputError(f"{place}.kind", kind, f"one of {', '.join(kinds)}{did_you_mean(str(kind), kinds)}")
+        raise InputError(f"{place}.kind", kind, f"one of {', '.join(known)}{did_you_mean(str(kind), known)}")
     model = kinds[kind]
     for name in fields:
         if name in SPECTRUM_FIELDS and name in model.model_fields:

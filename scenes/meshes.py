@@ -50,6 +50,19 @@ def cylinder(name: str, material: str, size: tuple[float, float], placed: ArrayL
     return _mesh(name, material, trimesh.creation.cylinder(radius, height, sections), placed)
 
 
+def cone(name: str, material: str, size: tuple[float, float], placed: ArrayLike, sections: int = 32) -> Mesh:
+    """Return an upright cone of (radius, height) in metres, its tip half the height above the middle."""
+    _require_sections(sections)
+    radius, height = size
+    if not (0 < radius < np.inf and 0 < height < np.inf):
+        raise InputError("size", size, "(radius, height), both above 0 m")
+    import trimesh
+
+    solid = trimesh.creation.cone(radius, height, sections)
+    solid.apply_translation((0, 0, -height / 2))
+    return _mesh(name, material, solid, placed)
+
+
 def icosphere(name: str, material: str, radius: float, placed: ArrayLike, subdivisions: int = 3) -> Mesh:
     """Return a sphere of 20 x 4^subdivisions flat facets (0 to 7), of a radius in metres."""
     if not (isinstance(subdivisions, int) and 0 <= subdivisions <= 7):

@@ -164,3 +164,24 @@ def test_diffuse_and_textured_tell_their_curves_and_their_largest_reflectance():
 
     assert is_diffuse(scene)
     assert largest_albedo(scene) == pytest.approx(max(s.maximum for s in PAIR))
+
+
+@pytest.mark.parametrize(
+    ("text", "volume"),
+    [
+        ('kind = "cylinder"\nradius = 0.5\nheight = 2.0\nsections = 64', 64 / 2 * np.sin(2 * np.pi / 64) * 0.25 * 2),
+        ('kind = "cone"\nradius = 0.5\nheight = 2.0\nsections = 64', 64 / 2 * np.sin(2 * np.pi / 64) * 0.25 * 2 / 3),
+        ('kind = "torus"\nring = 1.0\ntube = 0.25\nsections = 128', 2 * np.pi**2 * 0.25**2),
+        ('kind = "icosphere"\nradius = 1.0\nsubdivisions = 5', 4 / 3 * np.pi),
+    ],
+)
+def test_a_scene_file_describes_solids_by_what_they_are(tmp_path, text, volume):
+    (tmp_path / "s.toml").write_text(
+        'name = "s"\nviewpoint = {kind = "orthographic", origin = [0, 0, 5], target = [0, 0, 0], half_height = 1.0}\n'
+        'materials.red = {kind = "diffuse", reflectance = "red"}\n'
+        f'[[shapes]]\nname = "solid"\nmaterial = "red"\ncenter = [1, 2, 3]\naxis = [1, 1, 0]\n{text}\n'
+    )
+    (mesh,) = read_scene(tmp_path / "s.toml").shapes
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] - np.array([1, 2, 3]) for k in range(3))
+    found = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6  # positive when faces look outwards
+    assert found == pytest.approx(volume, rel=5e-3)
