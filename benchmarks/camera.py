@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from optsim.camera import CameraConfig, Distinct, DoubleAmici, Exposure, masks_for, photograph, sensors
-from optsim.camera import physical as physical_module
+from optsim.camera import collect as collect_module
 from optsim.camera.arrays import NUMPY, kernels
 from optsim.cube import Bands, make_cube
 
@@ -75,12 +75,12 @@ def photographs(size: int) -> None:
     cube = make_cube(np.random.default_rng(0).random((2 * small, 2 * small, fine.count), dtype=np.float32), fine)
     masks = masks_for(sensors()[0], 1, Distinct(), (small, small), 0)
     fast = best(lambda: photograph(cube, bands, camera, sensors()[0], masks, Exposure(time_s=1.0)), 3)
-    known = physical_module.kernels
-    physical_module.kernels = lambda: None
+    known = collect_module.kernels
+    collect_module.kernels = lambda: None
     try:
         slow = best(lambda: photograph(cube, bands, camera, sensors()[0], masks, Exposure(time_s=1.0)), 1)
     finally:
-        physical_module.kernels = known
+        collect_module.kernels = known
     print(f"  gather in Dr.Jit against scatter in NumPy, {small} x {small} mirrors: {slow / fast:.1f} times faster")
 
 

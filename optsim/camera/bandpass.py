@@ -45,7 +45,7 @@ def passed_photons(bandpass: BandpassConfig, lower_nm: np.ndarray, upper_nm: np.
         return np.zeros(lower.shape)
     half, middle = bandpass.edge_nm / 2, (bandpass.lower_nm + bandpass.upper_nm) / 2
     bends = [bandpass.lower_nm + half, bandpass.upper_nm - half, middle]
-    nodes = [] if curve is None else curve.wavelength_nm
+    nodes = np.zeros(0) if curve is None else curve.wavelength_nm
     edges = np.unique(np.concatenate([nodes, bends, lower[some], upper[some]]))
     edges = edges[(edges >= lower[some].min()) & (edges <= upper[some].max())]
     low, high = edges[:-1], edges[1:]

@@ -1,70 +1,101 @@
-"""Positions over the whole field of mirrors: the exact trace, held by a polynomial a wavelength (theory.md (C.16))."""
+"""Positions over the whole field of mirrors: the exact path, held by a polynomial a wavelength (theory.md (C.16), (C.37))."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
-from optsim.camera.prism import Dispersion
-
 TOLERANCE_PX = 1e-7
+TOLERANCE_TRANSMISSION = 1e-7
 _DEGREES = ((1, 0), (2, 1), (3, 1), (4, 2), (6, 3), (8, 4), (12, 6))
+_CHECK = (np.linspace(-1, 1, 9), np.array([-1.0, -0.55, -0.2, 0.0, 0.3, 0.8, 1.0]))
+
+
+class Light(Protocol):
+    """Say where the light of field points lands and how much of it; ``Optics`` and every dispersion can."""
+
+    @property
+    def magnification_px(self) -> float:
+        """Return sensor pixels per mm at the mirrors."""
+
+    def position_px(
+        self, wavelength_nm: np.ndarray, X_mm: np.ndarray, Y_mm: np.ndarray, /
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """Return (x, y, valid) in px."""
+
+    def transmission(self, wavelength_nm: np.ndarray, X_mm: np.ndarray, Y_mm: np.ndarray, /) -> np.ndarray:
+        """Return the share of light that passes, in [0, 1]."""
 
 
 @dataclass(frozen=True, eq=False)
 class FieldMap:
-    """Hold x = sum c[a,b] xi^a eta^2b and y = eta sum d[a,b] xi^a eta^2b for every wavelength, in px from the frame's middle.
+    """Hold x = sum c[a,i] xi^a eta^p[i], y and the transmission likewise, for every wavelength; x, y in px from the frame's middle.
 
     xi and eta run from -1 to 1 between the outer borders of the mirrors.
 
     Args:
-        x: (n, A + 1, B + 1) coefficients c in px.
-        y: (n, A + 1, B + 1) coefficients d in px.
+        x, y, passed: (n, A + 1, count) coefficients; ``passed`` of the transmission.
+        powers: the powers of eta of x, y and the transmission. Where the optics are mirror-symmetric: the even ones, the
+            odd ones, the even ones; else all of them up to the highest.
         valid: (n,) False where the prism loses the wavelength everywhere in the field.
-        error_px: largest distance from the exact trace on a check grid.
+        error_px: largest distance from the exact path on a check grid.
     """
 
     x: np.ndarray
     y: np.ndarray
+    passed: np.ndarray
+    powers: tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]
     valid: np.ndarray
     error_px: float
 
     def at(self, xi: np.ndarray, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (n, ...) of field points broadcast to one shape (...)."""
-        xi, eta = np.broadcast_arrays(xi, eta)
-        powers = _powers(self.x.shape[1:], xi.ravel(), eta.ravel())
-        shape = (self.x.shape[0], *xi.shape)
-        x, y = (c.reshape(c.shape[0], -1) @ powers for c in (self.x, self.y))
-        return x.reshape(shape), (y * eta.ravel()).reshape(shape)
+        return _evaluate(self.x, self.powers[0], xi, eta), _evaluate(self.y, self.powers[1], xi, eta)
 
     def passes(self, xi: np.ndarray, eta: np.ndarray) -> np.ndarray:
-        """Tell for (n, ...) which field points' light gets through the prism: all of a wavelength's, or none."""
-        shape = np.broadcast(xi, eta).shape
-        return np.broadcast_to(self.valid.reshape(-1, *(1,) * len(shape)), (self.valid.size, *shape))
+        """Return (n, ...) shares of light that get through the prism; 0 for a wavelength that it loses."""
+        passed = _evaluate(self.passed, self.powers[2], xi, eta)
+        return passed * self.valid.reshape(-1, *(1,) * (passed.ndim - 1))
+
+    def part(self, wavelengths: slice) -> FieldMap:
+        """Return the same for some of the wavelengths."""
+        tables = (self.x[wavelengths], self.y[wavelengths], self.passed[wavelengths])
+        return FieldMap(*tables, self.powers, self.valid[wavelengths], self.error_px)
+
+    def jacobian(self) -> np.ndarray:
+        """Return (n, 2, 2) derivatives of (x, y) by (xi, eta) at the middle of the field."""
+        columns = []
+        for table, powers in ((self.x, self.powers[0]), (self.y, self.powers[1])):
+            by_xi = table[:, 1, powers.index(0)] if 0 in powers else np.zeros(len(table))
+            by_eta = table[:, 0, powers.index(1)] if 1 in powers else np.zeros(len(table))
+            columns.append(np.stack([by_xi, by_eta], axis=-1))
+        return np.stack(columns, axis=1)
 
     def inverse(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Estimate (xi, eta) that land at (n, ...) positions: a linear guess and one correction, as the kernel does."""
-        form = (slice(None), *(None,) * (x.ndim - 1))
-        c0, c1, d0 = self.x[:, 0, 0][form], self.x[:, 1, 0][form], self.y[:, 0, 0][form]
-        xi, eta = np.clip((x - c0) / c1, -1.1, 1.1), np.clip(y / d0, -1.1, 1.1)
-        powers = _powers(self.x.shape[1:], xi.reshape(xi.shape[0], -1), eta.reshape(xi.shape[0], -1))
-        gx, gy = (np.einsum("np,pnq->nq", c.reshape(c.shape[0], -1), powers).reshape(xi.shape) for c in (self.x, self.y))
-        return xi - (gx - x) / c1, eta - (gy * eta - y) / d0
+        back = np.linalg.inv(self.jacobian()).reshape(len(self.x), 2, 2, *(1,) * (x.ndim - 1))
+        zero = np.zeros((1,) * (x.ndim - 1))
+        middle = self.at(zero, zero)
+        xi, eta = (np.clip(back[:, i, 0] * (x - middle[0]) + back[:, i, 1] * (y - middle[1]), -1.1, 1.1) for i in (0, 1))
+        found_x, found_y = (_evaluate_each(c, powers, xi, eta) for c, powers in ((self.x, self.powers[0]), (self.y, self.powers[1])))
+        found_x, found_y = found_x - x, found_y - y
+        return xi - back[:, 0, 0] * found_x - back[:, 0, 1] * found_y, eta - back[:, 1, 0] * found_x - back[:, 1, 1] * found_y
 
 
 @dataclass(frozen=True, eq=False)
 class TracedField:
-    """Answer as a FieldMap by tracing every point: exact and slow.
+    """Answer as a FieldMap by following every point: exact and slow.
 
     Args:
-        dispersion: what is traced.
+        light: what is followed.
         wavelength_nm: (n,).
         half_x_mm, half_y_mm: half sides of the field.
         valid: (n,) False where the prism loses the wavelength everywhere in the field.
     """
 
-    dispersion: Dispersion
+    light: Light
     wavelength_nm: np.ndarray
     half_x_mm: float
     half_y_mm: float
@@ -73,63 +104,122 @@ class TracedField:
 
     def at(self, xi: np.ndarray, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (n, ...) of field points broadcast to one shape (...)."""
-        xi, eta = np.broadcast_arrays(xi, eta)
-        wavelength = self.wavelength_nm.reshape(-1, *(1,) * xi.ndim)
-        x, y, _ = self.dispersion.position_px(wavelength, xi * self.half_x_mm, eta * self.half_y_mm)
+        x, y, _ = self.light.position_px(*self._points(xi, eta))
         return x, y
 
     def passes(self, xi: np.ndarray, eta: np.ndarray) -> np.ndarray:
-        """Tell for (n, ...) which field points' light gets through the prism."""
-        wavelength = self.wavelength_nm.reshape(-1, *(1,) * np.broadcast(xi, eta).ndim)
-        return self.dispersion.position_px(wavelength, xi * self.half_x_mm, eta * self.half_y_mm)[2]
+        """Return (n, ...) shares of light that get through the prism."""
+        points = self._points(xi, eta)
+        return np.where(self.light.position_px(*points)[2], self.light.transmission(*points), 0.0)
+
+    def part(self, wavelengths: slice) -> TracedField:
+        """Return the same for some of the wavelengths."""
+        return replace(self, wavelength_nm=self.wavelength_nm[wavelengths], valid=self.valid[wavelengths])
+
+    def jacobian(self) -> np.ndarray:
+        """Return (n, 2, 2) derivatives of (x, y) by (xi, eta) at the middle of the field, by differences; nominal where that is lost."""
+        step = 1e-3
+        points = self._points(step * np.array([1.0, -1.0, 0.0, 0.0]), step * np.array([0.0, 0.0, 1.0, -1.0]))
+        x, y, valid = self.light.position_px(*points)
+        place = np.stack([x, y], axis=1)
+        found = np.stack([place[..., 0] - place[..., 1], place[..., 2] - place[..., 3]], axis=-1) / (2 * step)
+        nominal = np.diag([self.half_x_mm, self.half_y_mm]) * self.light.magnification_px
+        return np.where(np.asarray(valid.all(1))[:, None, None], found, nominal)
+
+    def _points(self, xi: np.ndarray, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        xi, eta = np.broadcast_arrays(xi, eta)
+        return self.wavelength_nm.reshape(-1, *(1,) * xi.ndim), xi * self.half_x_mm, eta * self.half_y_mm
 
 
-def fit_field(dispersion: Dispersion, wavelength_nm: np.ndarray, half_x_mm: float, half_y_mm: float) -> FieldMap | TracedField:
-    """Fit the lowest polynomial degrees that hold the trace to 1e-7 px over the field.
+Field = FieldMap | TracedField
 
-    Where no degree does (a very wide field), or where the prism loses part of the field (at its critical angle), the
-    trace itself is returned.
+
+def fit_field(light: Light, wavelength_nm: np.ndarray, half_x_mm: float, half_y_mm: float) -> Field:
+    """Fit the lowest polynomial degrees that hold the path to 1e-7 px, and the transmission to 1e-7, over the field.
+
+    Where no degree does (a very wide field), or where the prism loses part of the field (at its critical angle), every
+    point is followed instead.
     """
-    grid_x, grid_y = np.meshgrid(np.linspace(-1, 1, 9), np.array([-1.0, -0.55, 0.0, 0.3, 0.8, 1.0]), indexing="ij")
-    exact = dispersion.position_px(wavelength_nm[:, None, None], grid_x * half_x_mm, grid_y * half_y_mm)
-    valid = np.asarray(exact[2].any((1, 2)))
-    if not np.array_equal(valid, exact[2].all((1, 2))):
-        return TracedField(dispersion, wavelength_nm, half_x_mm, half_y_mm, valid)
+    grid_x, grid_y = np.meshgrid(*_CHECK, indexing="ij")
+    points = (wavelength_nm[:, None, None], grid_x * half_x_mm, grid_y * half_y_mm)
+    x, y, passes = light.position_px(*points)
+    valid = np.asarray(passes.any((1, 2)))
+    traced = TracedField(light, wavelength_nm, half_x_mm, half_y_mm, valid)
+    if not np.array_equal(valid, passes.all((1, 2))):
+        return traced
     if not valid.any():
-        return FieldMap(np.zeros((valid.size, 2, 1)), np.zeros((valid.size, 2, 1)), valid, 0.0)
+        along, across = (np.zeros((valid.size, 2, 1)) for _ in range(2))
+        along[:, 1], across[:, 0] = 1.0, 1.0  # any place will do for light that never arrives
+        return FieldMap(along, across, np.zeros((valid.size, 1, 1)), ((0,), (1,), (0,)), valid, 0.0)
+    passed = light.transmission(*points)
+    symmetric = _symmetric(light, wavelength_nm[valid], half_x_mm, half_y_mm)
     for degree in _DEGREES:
-        x, y = _fit(dispersion, wavelength_nm[valid], half_x_mm, half_y_mm, degree)
-        fitted = FieldMap(_spread(x, valid), _spread(y, valid), valid, 0.0)
-        px, py = fitted.at(grid_x, grid_y)
-        error = float(max(np.abs(px - exact[0])[valid].max(), np.abs(py - exact[1])[valid].max()))
-        if error <= TOLERANCE_PX:
-            return FieldMap(fitted.x, fitted.y, valid, error)
-    return TracedField(dispersion, wavelength_nm, half_x_mm, half_y_mm, valid)
+        fitted = _fit(light, wavelength_nm, (half_x_mm, half_y_mm), degree, symmetric, valid)
+        error = float(max(np.abs(a - b)[valid].max() for a, b in zip(fitted.at(grid_x, grid_y), (x, y))))
+        if error > TOLERANCE_PX or np.abs(fitted.passes(grid_x, grid_y) - passed)[valid].max() > TOLERANCE_TRANSMISSION:
+            continue
+        return FieldMap(fitted.x, fitted.y, _trimmed(fitted.passed), fitted.powers, valid, error)
+    return traced
+
+
+def _symmetric(light: Light, wavelength_nm: np.ndarray, half_x_mm: float, half_y_mm: float) -> bool:
+    """Tell whether the lower half of the field is the mirror image of the upper one."""
+    X, Y = np.array([-0.9, 0.3, 1.0])[:, None] * half_x_mm, np.array([0.35, 1.0]) * half_y_mm
+    wavelength = wavelength_nm[:, None, None]
+    (x, y, _), (x2, y2, _) = light.position_px(wavelength, X, Y), light.position_px(wavelength, X, -Y)
+    t, t2 = light.transmission(wavelength, X, Y), light.transmission(wavelength, X, -Y)
+    return bool(max(np.abs(x - x2).max(), np.abs(y + y2).max()) < 1e-2 * TOLERANCE_PX and np.abs(t - t2).max() < 1e-10)
 
 
 def _fit(
-    dispersion: Dispersion, wavelength_nm: np.ndarray, half_x_mm: float, half_y_mm: float, degree: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Interpolate at Chebyshev nodes, half of them in eta by symmetry."""
+    light: Light, wavelength_nm: np.ndarray, half_mm: tuple[float, float], degree: tuple[int, int], symmetric: bool, valid: np.ndarray
+) -> FieldMap:  # fmt: skip
+    """Interpolate at Chebyshev nodes, half of them in eta where the field is symmetric."""
     a, b = degree
+    highest = 2 * b + 2
+    even, odd = (tuple(range(start, highest, 2 if symmetric else 1)) for start in (0, 1 if symmetric else 0))
+    powers = (even, odd, even)
     xi = np.cos(np.pi * (np.arange(a + 1) + 0.5) / (a + 1))
-    eta = np.cos(np.pi * (np.arange(b + 1) + 0.5) / (2 * b + 2))
+    eta = np.cos(np.pi * (np.arange(len(even)) + 0.5) / highest)
     nodes_x, nodes_y = np.meshgrid(xi, eta, indexing="ij")
-    x, y, _ = dispersion.position_px(wavelength_nm[:, None, None], nodes_x * half_x_mm, nodes_y * half_y_mm)
-    matrix = _powers((a + 1, b + 1), nodes_x.ravel(), nodes_y.ravel()).T
-    count = wavelength_nm.size
-    solve = np.linalg.solve(matrix, np.concatenate([x.reshape(count, -1), (y / nodes_y).reshape(count, -1)]).T).T
-    shape = (count, a + 1, b + 1)
-    return solve[:count].reshape(shape), solve[count:].reshape(shape)
+    points = (wavelength_nm[valid][:, None, None], nodes_x * half_mm[0], nodes_y * half_mm[1])
+    x, y, _ = light.position_px(*points)
+    tables = []
+    for values, chosen in zip((x, y, np.broadcast_to(light.transmission(*points), x.shape)), powers):
+        matrix = np.stack([(nodes_x**i * nodes_y**j).ravel() for i in range(a + 1) for j in chosen], axis=1)
+        table = np.linalg.solve(matrix, values.reshape(len(values), -1).T).T.reshape(-1, a + 1, len(chosen))
+        tables.append(_nearest(table, valid))
+    return FieldMap(tables[0], tables[1], tables[2], powers, valid, 0.0)
 
 
-def _powers(shape: tuple[int, ...], xi: np.ndarray, eta: np.ndarray) -> np.ndarray:
-    """Return xi^a eta^2b, (a b, ...)."""
-    return np.stack([xi**a * eta ** (2 * b) for a in range(shape[0]) for b in range(shape[1])])
+def _trimmed(passed: np.ndarray) -> np.ndarray:
+    """Drop the coefficients of a transmission that does not vary over the field: it is then one number a wavelength."""
+    varies = np.abs(passed.reshape(len(passed), -1)[:, 1:]).max(initial=0.0) > TOLERANCE_TRANSMISSION * 1e-3
+    return passed if varies else np.ascontiguousarray(passed[:, :1, :1])
 
 
-def _spread(values: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Place coefficients of valid wavelengths; lost ones get those of the first valid one (finite, weight 0)."""
-    full = np.repeat(values[:1], valid.size, axis=0)
-    full[valid] = values
-    return full
+def _evaluate(table: np.ndarray, powers: tuple[int, ...], xi: np.ndarray, eta: np.ndarray) -> np.ndarray:
+    """Return (n, ...) sums of table[a, i] xi^a eta^powers[i]; a table may hold fewer columns than there are powers."""
+    xi, eta = np.broadcast_arrays(xi, eta)
+    basis = np.stack([xi.ravel() ** a * eta.ravel() ** p for a in range(table.shape[1]) for p in powers[: table.shape[2]]])
+    return (table.reshape(len(table), -1) @ basis).reshape(len(table), *xi.shape)
+
+
+def _evaluate_each(table: np.ndarray, powers: tuple[int, ...], xi: np.ndarray, eta: np.ndarray) -> np.ndarray:
+    """Return (n, ...) the same, each wavelength at its own points (n, ...)."""
+    result = np.zeros(xi.shape)
+    for a in range(table.shape[1]):
+        for i, p in enumerate(powers):
+            result += table[:, a, i].reshape(-1, *(1,) * (xi.ndim - 1)) * xi**a * eta**p
+    return result
+
+
+def _nearest(values: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Place coefficients of valid wavelengths; lost ones get those of their nearest valid neighbour (finite, weight 0)."""
+    if valid.all():
+        return values
+    there = np.flatnonzero(valid)
+    after = np.clip(np.searchsorted(there, np.arange(valid.size)), 0, there.size - 1)
+    before = np.maximum(after - 1, 0)
+    closer = np.abs(there[before] - np.arange(valid.size)) < np.abs(there[after] - np.arange(valid.size))
+    return np.asarray(values[np.where(closer, before, after)])

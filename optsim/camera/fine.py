@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MIN_WAVELENGTHS, MIN_SAMPLES = 10, 2
+_ALL = slice(None)
 REMEDY = "--subdivide 10 --oversample 2"
 
 
@@ -69,12 +70,11 @@ class FineCube:
             self.bands = self._spectral.bands
         self.shape = (size[0] * self.samples, size[1] * self.samples, self.bands.count)
 
-    def rows(self, start: int, stop: int) -> np.ndarray:
-        """Return fine rows start..stop-1 as C-contiguous float32."""
+    def rows(self, start: int, stop: int, wavelengths: slice = _ALL) -> np.ndarray:
+        """Return fine rows start..stop-1 of some wavelengths as C-contiguous float32."""
         r = self._repeat
         part = self._radiance[start // r : -(-stop // r)]
-        if self._spectral is not None:
-            part = self._spectral.apply(part)
+        part = part[..., wavelengths] if self._spectral is None else self._spectral.apply(part)[..., wavelengths]
         if r > 1:
             part = np.repeat(np.repeat(part, r, axis=0), r, axis=1)[start % r :][: stop - start]
         return np.ascontiguousarray(part, np.float32)

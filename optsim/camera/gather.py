@@ -1,242 +1,294 @@
-"""Lay fine samples on the sensor by area, as a gather: every pixel adds up the samples that touch it (theory.md (C.17)).
+"""Lay fine samples on the sensor by area, as a gather: every cell adds up the samples that touch it (theory.md (C.17), (C.40)).
 
-One Dr.Jit kernel a slab of rows: a thread a pixel, the loop over wavelengths inside. No two threads write to one
-place, so that the result has the same bits every time.
+One Dr.Jit kernel a slab of rows: a thread a strip of cells one pixel wide, the loops over wavelengths and rows of
+samples inside. No two threads write to one place, so that the result has the same bits every time.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from optsim.camera.arrays import Array, Kernels
-from optsim.camera.layout import Budget, Layout, Weights
+from optsim.camera.layout import Layout
 from optsim.errors import InputError
 
 SLAB_BYTES = 2**27
-SHOTS_PER_PASS = 12
-MAX_CANDIDATES = 144
+MAX_CANDIDATES = 400
+MAX_SPREAD = 1.5
+"""Neighbouring wavelengths are handled together while their places lie within this many samples."""
+_WIDE = 4
 
-Rows = Callable[[int, int], np.ndarray]
-"""``rows(start, stop)`` gives fine rows of the cube, (stop - start, N s, n) float32."""
+Rows = Callable[[int, int, slice], np.ndarray]
+"""``rows(start, stop, wavelengths)`` gives fine rows of the cube, (stop - start, N s, n) float32."""
 
 
-class Gather:
-    """Photograph with Dr.Jit.
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Say how a layout is laid, the same for all parts of its wavelengths, so that one kernel serves them.
 
     Args:
         k: Dr.Jit and its types.
-        layout: geometry.
-        weights: spectral weights.
-        masks: (L, M, N) uint8, at most 32 shots.
-        mosaic: (M, W) curve of each pixel, or None.
-        rows: the fine cube.
+        reach: how far a sample that touches a strip can be from its estimated place, in samples along (rows, columns).
+        block: wavelengths handled together.
+        window: (rows, columns) of samples that are looked at.
     """
 
-    def __init__(self, k: Kernels, layout: Layout, weights: Weights, masks: np.ndarray, mosaic: np.ndarray | None, rows: Rows) -> None:
+    k: Kernels
+    reach: tuple[float, float]
+    block: int
+    window: tuple[int, int]
+
+    @classmethod
+    def of(cls, k: Kernels, layout: Layout) -> Plan:
+        """Find the window.
+
+        Raises:
+            InputError: field ``camera`` when a sample's image is too small for a kernel of bounded size.
+        """
+        reach = layout.reach()
+        block = next(b for b in (4, 2, 1) if b == 1 or max(layout.spread(b)) <= MAX_SPREAD)
+        rows, columns = (math.floor(2 * r + s) + 1 for r, s in zip(reach, layout.spread(block)))
+        if rows * columns > MAX_CANDIDATES:
+            side = float(layout.sides.min())
+            raise InputError("camera", f"{side:g} px", "a sample's image of at least 0.1 px (fewer samples a mirror, or larger mirrors)")
+        return cls(k, reach, block, (rows, columns))
+
+
+class Gather:
+    """Lay light with Dr.Jit.
+
+    Args:
+        plan: how.
+        layout: geometry, of the wavelengths that are laid.
+        weights: (P, n) of each plane that is summed.
+        states: (L, M, N) float64, what each mirror sends on, from 0 to 1.
+        rows: the fine cube.
+        wavelengths: which of the cube's wavelengths are laid.
+    """
+
+    def __init__(self, plan: Plan, layout: Layout, weights: np.ndarray, states: np.ndarray, rows: Rows, wavelengths: slice) -> None:
+        k = self.k = plan.k
+        self.layout, self.states, self.rows, self.wavelengths = layout, states, rows, wavelengths
+        self.planes, self.reach, self.block, self.window = len(weights), plan.reach, plan.block, plan.window
+        self.table = _Table(layout, weights, self.block)
         t = k.backend
-        self.k, self.layout, self.weights, self.masks, self.rows = k, layout, weights, masks, rows
-        self.x, self.y = t.Float64(layout.map.x.ravel()), t.Float64(layout.map.y.ravel())
-        self.degree = layout.map.x.shape[1:]
-        self.curves, self.arriving = t.Float64(weights.curves.ravel()), t.Float64(weights.arriving)
-        self.mosaic = None if mosaic is None else t.UInt32(mosaic.astype(np.uint32).ravel())
-        self.channels = 1 if mosaic is not None else len(weights.curves)
-        self.count = k.opaque(t.UInt32, weights.arriving.size)
+        self.values = t.Float64(self.table.values.ravel())
         self.columns, self.mirrors_x = k.opaque(t.UInt32, layout.fine[1]), k.opaque(t.UInt32, layout.mirrors[1])
-        self.middle_row, self.middle_column = (k.opaque(t.Float64, value) for value in layout.middle)
         self.half_rows, self.half_columns = (k.opaque(t.Float64, n / 2) for n in layout.fine)
-        self.side = k.opaque(t.Float64, layout.side_px)
 
-    def frames(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return frames (L, C', M, W) in the unit of the weights, and the (L,) photons that its pixels received."""
-        height, width = self.layout.frame
-        shots = len(self.masks)
-        frames, photons = np.zeros((shots, self.channels, height, width)), np.zeros(shots)
-        if not self.layout.field.valid.any():
-            return frames, photons
-        reach = self.layout.reach()
-        candidates = tuple(math.floor(2 * r) + 1 for r in reach)
-        if candidates[0] * candidates[1] > MAX_CANDIDATES:
-            raise InputError(
-                "camera", f"{self.layout.side_px:g} px", "a sample's image of at least 0.1 px (fewer samples a mirror, or larger mirrors)"
-            )
-        step = max(1, SLAB_BYTES // (self.layout.fine[1] * self.weights.arriving.size * 4 * self.layout.samples))
+    def sums(self) -> np.ndarray:
+        """Return (L, P, rows, columns) of cells."""
+        grid, shots = self.layout.grid, len(self.states)
+        height, width = grid.cells
+        sums = np.zeros((shots, self.planes, height, width))
+        per_row = self.layout.fine[1] * self.table.blocks * self.block * 4 * self.layout.samples
+        step = max(1, SLAB_BYTES // per_row) * grid.sub
         for first in range(0, height, step):
             last = min(height, first + step)
-            start, stop = self.layout.fine_rows(first, last, reach[0])
-            cube = self.k.backend.Float32(self.rows(start, stop).ravel())
-            for l in range(0, shots, SHOTS_PER_PASS):
-                sums = self._slab(cube, (start, stop), (first, last), reach, candidates, slice(l, min(shots, l + SHOTS_PER_PASS)))
-                frames[l : l + SHOTS_PER_PASS, :, first:last] = sums[:, :-1].reshape(len(sums), self.channels, last - first, width)
-                photons[l : l + SHOTS_PER_PASS] += sums[:, -1].sum(-1)
-        return frames, photons
+            start, stop = self.layout.fine_rows(first, last, self.reach[0])
+            cube = self.k.backend.Float32(self._padded(self.rows(start, stop, self.wavelengths)).ravel())
+            together = self._shots_together()
+            for l in range(0, shots, together):
+                chosen = slice(l, min(shots, l + together))
+                part = self._slab(cube, (start, stop), (first, last), chosen)
+                # strips to cells: (shots, planes, sub, strip rows, pixels) -> (shots, planes, strip rows, pixels, sub)
+                sums[chosen, :, first:last] = np.moveaxis(part, 2, -1).reshape(*part.shape[:2], last - first, width)
+        return sums
 
-    def _slab(
-        self,
-        cube: Array,
-        fine: tuple[int, int],
-        rows: tuple[int, int],
-        reach: tuple[float, float],
-        candidates: tuple[int, ...],
-        shots: slice,
-    ) -> np.ndarray:
-        """Return (shots, C' + 1, pixels): every curve's sums, then photons."""
-        t, dr = self.k.backend, self.k.dr
-        width = self.layout.frame[1]
-        pixel = dr.arange(t.UInt32, (rows[1] - rows[0]) * width)
+    def _shots_together(self) -> int:
+        """Return how many shots fit into one pass without too many sums a thread."""
+        each = self.layout.grid.sub * (self.planes + self.block)
+        return 2 ** int(np.clip(math.log2(200 / each), 0, 4))
+
+    def _padded(self, cube: np.ndarray) -> np.ndarray:
+        missing = self.table.blocks * self.block - cube.shape[-1]
+        return np.ascontiguousarray(cube if missing == 0 else np.pad(cube, ((0, 0), (0, 0), (0, missing))), np.float32)
+
+    def _slab(self, cube: Array, fine: tuple[int, int], rows: tuple[int, int], shots: slice) -> np.ndarray:
+        """Return (shots, planes, sub, strip rows, pixels)."""
+        t, dr, grid = self.k.backend, self.k.dr, self.layout.grid
+        width, sub, count = grid.pixels[1], grid.sub, shots.stop - shots.start
+        strip = dr.arange(t.UInt32, (rows[1] - rows[0]) * width)
         span = self.k.opaque(t.UInt32, width)
-        row, column = pixel // span + self.k.opaque(t.UInt32, rows[0]), pixel % span
-        bits = self._bits(shots)
-        count = shots.stop - shots.start
-        curve = None if self.mosaic is None else dr.gather(t.UInt32, self.mosaic, row * span + column) * self.count
-        sensor_y, sensor_x = t.Float64(row) - self.middle_row, t.Float64(column) - self.middle_column
-        sample = _Samples(self, cube, bits, fine, tuple(self.k.opaque(t.Float64, r) for r in reach), candidates)
+        middle_row, middle_column = self.layout.middle
+        top = self.k.opaque(t.Float64, grid.first[0] - 0.5 + (rows[0] + 0.5) / sub - middle_row)
+        left = self.k.opaque(t.Float64, grid.first[1] - middle_column)
+        y, x = t.Float64(strip // span) * (1 / sub) + top, t.Float64(strip % span) + left
+        touching = _Touching(self, cube, fine, shots, (x, y))
 
-        def body(w: Array, *sums: Array) -> tuple[Array, ...]:
-            light = sample.light(w, sensor_x, sensor_y, count)
-            offsets = [curve] if curve is not None else [t.UInt32(c) * self.count for c in range(self.channels)]
-            chi = [dr.gather(t.Float64, self.curves, offset + w) for offset in offsets]
-            chi.append(dr.gather(t.Float64, self.arriving, w))
-            return (w + 1, *(total + light[i // len(chi)] * chi[i % len(chi)] for i, total in enumerate(sums)))
+        def body(b: Array, *sums: Array) -> tuple[Array, ...]:
+            light, weights = touching.light(b)
+            added = list(sums)
+            for i in range(self.block):
+                for l, p, q in np.ndindex(count, self.planes, sub):
+                    index = (l * self.planes + p) * sub + q
+                    added[index] = dr.fma(light[(i * sub + q) * count + l], weights[i][p], added[index])
+            return (b + 1, *added)
 
-        start = (t.UInt32(0), *(dr.zeros(t.Float64, pixel.shape[0]) for _ in range(count * (self.channels + 1))))
-        result = dr.while_loop(start, lambda w, *sums: w < self.count, body, labels=("w", *(f"s{i}" for i in range(len(start) - 1))))
+        start = (t.UInt32(0), *(dr.zeros(t.Float64, strip.shape[0]) for _ in range(count * self.planes * sub)))
+        last = self.k.opaque(t.UInt32, self.table.blocks)
+        labels = ("b", *(f"s{i}" for i in range(len(start) - 1)))
+        result = dr.while_loop(start, lambda b, *sums: b < last, body, labels=labels)
         dr.eval(result)  # all sums in one kernel; reading them one by one would run it once for each
-        scale = 1 / (self.layout.side_px**2 * self.layout.samples**2)
-        return np.stack([np.array(s) for s in result[1:]]).reshape(count, self.channels + 1, -1) * scale
-
-    def _bits(self, shots: slice) -> Array:
-        bits = np.zeros(self.masks.shape[1:], np.uint32)
-        for l, mask in enumerate(self.masks[shots]):
-            bits |= mask.astype(np.uint32) << np.uint32(l)
-        return self.k.backend.UInt32(bits.ravel())
-
-    def polynomials(self, w: Array) -> tuple[list[list[Array]], list[list[Array]]]:
-        """Return the field map's coefficients c[a][b] and d[a][b] of wavelength w."""
-        t, dr = self.k.backend, self.k.dr
-        a, b = self.degree
-        base = w * (a * b)
-        c, d = ([[dr.gather(t.Float64, table, base + (i * b + j)) for j in range(b)] for i in range(a)] for table in (self.x, self.y))
-        return c, d
-
-    def budget(self) -> list[Budget]:
-        """Return one account of photons a shot: spectra summed over open mirrors, and what misses the sensor, sample by sample."""
-        edge = self.layout.edge_samples()
-        s, (height, columns) = self.layout.samples, self.layout.fine
-        step = max(s, SLAB_BYTES // (columns * self.weights.arriving.size * 4) // s * s)
-        spectrum, missed = np.zeros((len(self.masks), self.weights.arriving.size)), np.zeros((len(self.masks), 2))
-        for first in range(0, height, step):
-            last = min(height, first + step)
-            cube = self.rows(first, last)
-            for r in range((last - first) // s):
-                mirrors = cube[r * s : (r + 1) * s].sum(0, dtype=np.float64).reshape(columns // s, s, -1).sum(1)
-                spectrum += self.masks[:, first // s + r].astype(np.float64) @ mirrors / s**2
-            there = edge[(edge >= first * columns) & (edge < last * columns)]
-            if there.size:
-                lost = self._missed(cube, there, first) / s**2
-                open_ = self.masks[:, there // columns // s, there % columns // s].astype(np.float64)
-                missed += open_ @ lost.T
-        w = self.weights
-        sent, blocked, reflected, outside = (
-            spectrum @ v for v in (w.arriving + w.blocked + w.reflected, w.blocked, w.reflected, w.outside)
-        )
-        rows = np.stack([sent, missed[:, 0], blocked, reflected, outside - missed[:, 1]], axis=1)
-        return [Budget(*map(float, row)) for row in rows]
-
-    def _missed(self, cube: np.ndarray, samples: np.ndarray, first: int) -> np.ndarray:
-        """Return (2, samples): photons of each sample that fall beside the frame, all and those outside H's bands."""
-        t, dr, layout = self.k.backend, self.k.dr, self.layout
-        width = layout.fine[1]
-        xi = (t.Float64((samples % width).astype(np.float64)) + 0.5) / self.half_columns - 1
-        eta = (t.Float64((samples // width).astype(np.float64)) + 0.5) / self.half_rows - 1
-        place = t.UInt32((samples - first * width).astype(np.uint32)) * self.count
-        light, beyond = t.Float32(cube.ravel()), t.Float64(self.weights.outside)
-        high_y, high_x = (self.k.opaque(t.Float64, n - 0.5) for n in layout.frame)
-        half = self.side / 2
-
-        def share(position: Array, high: Array) -> Array:
-            inside = dr.minimum(position + half, high) - dr.maximum(position - half, -0.5)
-            return dr.maximum(inside, 0) / self.side
-
-        def body(w: Array, missed: Array, outside: Array) -> tuple[Array, ...]:
-            c, d = self.polynomials(w)
-            x, y = _evaluate(c, xi, eta * eta), _evaluate(d, xi, eta * eta) * eta
-            lost = t.Float64(dr.gather(t.Float32, light, place + w)) * (
-                1 - share(x + self.middle_column, high_x) * share(y + self.middle_row, high_y)
-            )
-            return w + 1, missed + lost * dr.gather(t.Float64, self.arriving, w), outside + lost * dr.gather(t.Float64, beyond, w)
-
-        start = (t.UInt32(0), dr.zeros(t.Float64, samples.size), dr.zeros(t.Float64, samples.size))
-        _, missed, outside = dr.while_loop(start, lambda w, *sums: w < self.count, body, labels=("w", "missed", "outside"))
-        dr.eval(missed, outside)
-        return np.stack([np.array(missed), np.array(outside)])
+        return np.stack([np.array(s) for s in result[1:]]).reshape(count, self.planes, sub, rows[1] - rows[0], width)
 
 
-class _Samples:
-    """Find and add up the samples that touch a pixel, for one wavelength."""
+class _Table:
+    """Arrange what a kernel reads for one wavelength: polynomials, the way back, sides, weights; in packets of four numbers."""
 
-    def __init__(
-        self, g: Gather, cube: Array, bits: Array, fine: tuple[int, int], reach: tuple[Array, ...], candidates: tuple[int, ...]
-    ) -> None:
-        self.g, self.cube, self.bits, self.candidates = g, cube, bits, candidates
-        self.reach_rows, self.reach_columns = reach
-        self.first, self.last = (g.k.opaque(g.k.backend.Int32, v) for v in fine)
+    def __init__(self, layout: Layout, weights: np.ndarray, block: int) -> None:
+        f, n = layout.map, weights.shape[1]
+        self.x_shape, self.y_shape, self.t_shape = f.x.shape[1:], f.y.shape[1:], f.passed.shape[1:]
+        self.varies = f.passed[0].size > 1
+        norm = f.valid / (layout.sides.prod(1) * layout.samples**2)
+        constant = norm if self.varies else norm * f.passed[:, 0, 0]
+        zero = np.zeros((1,))
+        middle = np.stack([p[:, 0] for p in f.at(zero, zero)], axis=1)
+        back = np.linalg.inv(f.jacobian()).reshape(n, 4)
+        parts = [f.x.reshape(n, -1), f.y.reshape(n, -1), f.passed.reshape(n, -1)[:, : f.passed[0].size * self.varies]]
+        parts += [middle, back, layout.sides, (weights * constant).T]
+        self.starts = np.cumsum([0, *(p.shape[1] for p in parts)])
+        table = np.concatenate(parts, axis=1)
+        self.packets = -(-table.shape[1] // _WIDE)
+        self.blocks = -(-n // block)
+        # the last block repeats the last wavelength with weight 0
+        self.values = np.zeros((self.blocks * block, self.packets * _WIDE))
+        self.values[:n, : table.shape[1]] = table
+        self.values[n:, : self.starts[6]] = table[-1, : self.starts[6]]
 
-    def light(self, w: Array, sensor_x: Array, sensor_y: Array, shots: int) -> list[Array]:
-        """Return for each shot the sum of radiance x overlap in px^2 over the open samples round the pixel."""
+    def read(self, k: Kernels, values: Array, w: Array) -> list[list[Array]]:
+        """Return the parts of wavelength w."""
+        wide = k.backend.Array4f64
+        numbers: list[Array] = []
+        for i in range(self.packets):
+            packet = k.dr.gather(wide, values, w * self.packets + i)
+            numbers += [packet[j] for j in range(_WIDE)]
+        return [numbers[a:b] for a, b in zip(self.starts, self.starts[1:])]
+
+
+class _Touching:
+    """Find and add up the samples that touch a strip, for one block of wavelengths."""
+
+    def __init__(self, g: Gather, cube: Array, fine: tuple[int, int], shots: slice, place: tuple[Array, Array]) -> None:
+        t, k = g.k.backend, g.k
+        self.g, self.cube, (self.x, self.y) = g, cube, place
+        self.count = shots.stop - shots.start
+        self.first, self.last = (k.opaque(t.Int32, v) for v in fine)
+        self.reach_rows, self.reach_columns = (k.opaque(t.Float64, r) for r in g.reach)
+        wide = min(self.count, 2) if self.count < 3 else _WIDE
+        self.state_packets = -(-self.count // wide)
+        states = np.zeros((*g.states.shape[1:], self.state_packets * wide))
+        states[..., : self.count] = np.moveaxis(g.states[shots], 0, -1)
+        self.states, self.state_type = t.Float64(states.ravel()), _packet(k, "Float64", "f64", wide)
+        self.light_type = _packet(k, "Float32", "f", g.block)
+        self.powers = g.layout.map.powers
+
+    def light(self, b: Array) -> tuple[list[Array], list[list[Array]]]:
+        """Return sums of radiance x overlap for (wavelength of the block, cell of the strip, shot), and the weights of each wavelength."""
         g, t, dr = self.g, self.g.k.backend, self.g.k.dr
-        c, d = g.polynomials(w)
-        row, column = self._corner(c, d, sensor_x, sensor_y)
-        columns, s = t.Int32(g.columns), g.layout.samples
-        per_row, per_column = 1 / g.half_rows, 1 / g.half_columns
-        total = [t.Float64(0) for _ in range(shots)]
-        for p in range(self.candidates[0]):
-            v = row + p
-            eta = (t.Float64(v) + 0.5) * per_row - 1
-            in_rows = (v >= self.first) & (v < self.last)
-            cx, cy = ([_even(line, eta * eta) for line in table] for table in (c, d))
-            line, mirror_line = t.UInt32(v - self.first) * g.columns, t.UInt32(v) // s * g.mirrors_x
-            for q in range(self.candidates[1]):
-                u = column + q
-                xi = (t.Float64(u) + 0.5) * per_column - 1
-                overlap = self._overlap(_polynomial(cx, xi) - sensor_x) * self._overlap(_polynomial(cy, xi) * eta - sensor_y)
-                active = in_rows & (u >= 0) & (u < columns) & (overlap > 0)
-                open_ = dr.gather(t.UInt32, self.bits, mirror_line + t.UInt32(u) // s, active)
-                index = (line + t.UInt32(u)) * g.count + w
-                value = t.Float64(dr.gather(t.Float32, self.cube, index, active & (open_ != 0))) * overlap
-                total = [sum_ + dr.select((open_ & (1 << l)) != 0, value, 0.0) for l, sum_ in enumerate(total)]
-        return total
+        parts = [g.table.read(g.k, g.values, b * g.block + i) for i in range(g.block)]
+        tables = [tuple(_square(p[i], s) for i, s in enumerate((g.table.x_shape, g.table.y_shape, g.table.t_shape)) if p[i]) for p in parts]
+        corners = [self._place(table, p[3], p[4]) for table, p in zip(tables, parts)]
+        row, column = corners[0]
+        for other in corners[1:]:
+            row, column = dr.minimum(row, other[0]), dr.minimum(column, other[1])
+        row = t.Int32(dr.ceil(row - self.reach_rows))
+        column = t.Int32(dr.ceil(column - self.reach_columns))
 
-    def _corner(self, c: list[list[Array]], d: list[list[Array]], x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the first (row, column) of the samples that can touch the pixel at (x, y)."""
+        def body(p: Array, *light: Array) -> tuple[Array, ...]:
+            return (p + 1, *self._row(row + p, column, b, tables, [q[5] for q in parts], list(light)))
+
+        count = g.block * g.layout.grid.sub * self.count
+        start = (t.Int32(0), *(dr.zeros(t.Float64, dr.width(self.x)) for _ in range(count)))
+        rows = t.Int32(g.window[0])
+        labels = ("p", *(f"l{i}" for i in range(count)))
+        result = dr.while_loop(start, lambda p, *light: p < rows, body, labels=labels)
+        return list(result[1:]), [q[6] for q in parts]
+
+    def _row(self, v: Array, column: Array, b: Array, tables: list[Any], sides: list[Any], light: list[Array]) -> list[Array]:
+        """Add one row of samples."""
         g, t, dr = self.g, self.g.k.backend, self.g.k.dr
-        xi = dr.clip((x - c[0][0]) / c[1][0], -1.1, 1.1)
-        eta = dr.clip(y / d[0][0], -1.1, 1.1)
-        xi = xi - (_evaluate(c, xi, eta * eta) - x) / c[1][0]
-        eta = eta - (_evaluate(d, xi, eta * eta) * eta - y) / d[0][0]
-        row = (dr.clip(eta, -2, 2) + 1) * g.half_rows - 0.5 - self.reach_rows
-        column = (dr.clip(xi, -2, 2) + 1) * g.half_columns - 0.5 - self.reach_columns
-        return t.Int32(dr.ceil(row)), t.Int32(dr.ceil(column))
+        s, sub = g.layout.samples, g.layout.grid.sub
+        eta = (t.Float64(v) + 0.5) / g.half_rows - 1
+        in_rows = (v >= self.first) & (v < self.last)
+        lines = [tuple(line_at(table, powers, eta, dr) for table, powers in zip(parts, self.powers)) for parts in tables]
+        start, mirrors = t.UInt32(v - self.first) * g.columns, t.UInt32(v) // s * g.mirrors_x
+        for q in range(g.window[1]):
+            u = column + q
+            xi = (t.Float64(u) + 0.5) / g.half_columns - 1
+            active = in_rows & (u >= 0) & (u < t.Int32(g.columns))
+            states = self._states(mirrors + t.UInt32(u) // s, active)
+            values = _numbers(dr.gather(self.light_type, self.cube, (start + t.UInt32(u)) * g.table.blocks + b, active), g.block)
+            for i, (line, (wide, high)) in enumerate(zip(lines, sides)):
+                far_x, far_y = (dr.abs(polynomial(line[j], xi, dr) - p) for j, p in ((0, self.x if sub == 1 else 0.0), (1, self.y)))
+                if sub > 1:
+                    along = polynomial(line[0], xi, dr) - self.x
+                value = t.Float64(values[i]) * _overlap(dr, far_y, high, 1 / sub)
+                if g.table.varies:
+                    value *= polynomial(line[2], xi, dr)
+                for c in range(sub):
+                    far = far_x if sub == 1 else dr.abs(along - ((c + 0.5) / sub - 0.5))
+                    share = value * _overlap(dr, far, wide, 1 / sub)
+                    for l in range(self.count):
+                        index = (i * sub + c) * self.count + l
+                        light[index] = dr.fma(share, states[l], light[index])
+        return light
 
-    def _overlap(self, distance: Array) -> Array:
-        """Return the overlap in px of a pixel and a sample's side that are this far apart."""
-        dr, side = self.g.k.dr, self.g.side
-        return dr.clip((1 + side) / 2 - dr.abs(distance), 0.0, dr.minimum(side, 1.0))
+    def _states(self, mirror: Array, active: Array) -> list[Array]:
+        """Return each shot's state of a mirror."""
+        dr, packets, wide = self.g.k.dr, self.state_packets, min(self.count, 2) if self.count < 3 else _WIDE
+        numbers: list[Array] = []
+        for i in range(packets):
+            numbers += _numbers(dr.gather(self.state_type, self.states, mirror * packets + i, active), wide)
+        return numbers[: self.count]
+
+    def _place(self, table: Any, middle: list[Array], back: list[Array]) -> tuple[Array, Array]:
+        """Return the (row, column) of samples, not rounded, that lands in the middle of the strip: a linear guess and one correction."""
+        g, dr = self.g, self.g.k.dr
+        dx, dy = self.x - middle[0], self.y - middle[1]
+        xi = dr.clip(back[0] * dx + back[1] * dy, -1.1, 1.1)
+        eta = dr.clip(back[2] * dx + back[3] * dy, -1.1, 1.1)
+        dx, dy = (polynomial(line_at(table[i], self.powers[i], eta, dr), xi, dr) - p for i, p in ((0, self.x), (1, self.y)))
+        xi, eta = xi - back[0] * dx - back[1] * dy, eta - back[2] * dx - back[3] * dy
+        return (dr.clip(eta, -2, 2) + 1) * g.half_rows - 0.5, (dr.clip(xi, -2, 2) + 1) * g.half_columns - 0.5
 
 
-def _even(line: list[Array], squared: Array) -> Array:
+def _packet(k: Kernels, single: str, letter: str, wide: int) -> Any:
+    """Return the type that reads ``wide`` neighbouring numbers at once."""
+    if wide == 1:
+        return getattr(k.backend, single)
+    return getattr(k.backend, f"Array{wide}{letter}")
+
+
+def _numbers(packet: Array, wide: int) -> list[Array]:
+    return [packet] if wide == 1 else [packet[i] for i in range(wide)]
+
+
+def _overlap(dr: Any, distance: Array, side: Array, cell: float) -> Array:
+    """Return the overlap in px of a cell and a sample's side whose middles are this far apart."""
+    return dr.clip((cell + side) * 0.5 - distance, 0.0, dr.minimum(side, cell))
+
+
+def _square(numbers: list[Array], shape: tuple[int, ...]) -> list[list[Array]]:
+    return [numbers[i * shape[1] : (i + 1) * shape[1]] for i in range(shape[0])]
+
+
+def line_at(table: list[list[Array]], powers: tuple[int, ...], eta: Array, dr: Any) -> list[Array]:
+    """Return the coefficients in xi of a table [a][i] on the line eta, ``powers`` being those of eta."""
+    step = powers[1] - powers[0] if len(powers) > 1 else 1
+    base = eta * eta if step == 2 else eta
+    line = [polynomial(row, base, dr) for row in table]
+    return [value * eta for value in line] if powers[0] == 1 else line
+
+
+def polynomial(line: list[Array], x: Array, dr: Any) -> Array:
+    """Return the sum of line[a] x^a."""
     result = line[-1]
     for value in reversed(line[:-1]):
-        result = result * squared + value
+        result = dr.fma(result, x, value)
     return result
-
-
-def _polynomial(line: list[Array], x: Array) -> Array:
-    return _even(line, x)
-
-
-def _evaluate(table: list[list[Any]], xi: Array, eta_squared: Array) -> Array:
-    return _polynomial([_even(line, eta_squared) for line in table], xi)

@@ -2,11 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optsim.camera.field import FieldMap, TracedField
+from optsim.camera.field import Field, FieldMap
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Hold the cells that light is laid on: the frame, or a finer and larger grid that is blurred and binned later.
+
+    Args:
+        first: (row, column) of the pixel in whose corner the grid begins.
+        pixels: (rows, columns) that it spans.
+        sub: cells along a pixel's side.
+    """
+
+    first: tuple[int, int]
+    pixels: tuple[int, int]
+    sub: int = 1
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Return (rows, columns) of cells."""
+        return self.pixels[0] * self.sub, self.pixels[1] * self.sub
+
+    def borders(self) -> tuple[float, float, float, float]:
+        """Return the first and last row, first and last column border in px, pixel centres being whole numbers."""
+        (y, x), (height, width) = self.first, self.pixels
+        return y - 0.5, y + height - 0.5, x - 0.5, x + width - 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,25 +42,32 @@ class Layout:
         field: positions for each of the n fine wavelengths.
         mirrors: (M, N).
         samples: s, samples along a mirror's side.
-        frame: (rows, columns) of the sensor.
-        mirror_px: side of a mirror's image in px.
+        grid: the cells.
+        sides: (n, 2) of a sample's footprint along x and y, in px.
     """
 
-    field: FieldMap | TracedField
+    field: Field
     mirrors: tuple[int, int]
     samples: int
-    frame: tuple[int, int]
-    mirror_px: float
+    grid: Grid
+    sides: np.ndarray
+
+    @classmethod
+    def of(cls, field: Field, mirrors: tuple[int, int], samples: int, grid: Grid) -> Layout:
+        """Give every sample the rectangle that has its image's second moments along x and y (theory.md (C.39)).
+
+        On a sub-pixel grid it is made narrower by the cell's own second moment, which laying light on cells adds.
+        """
+        jacobian = field.jacobian() * (2 / (np.array([mirrors[1], mirrors[0]]) * samples))
+        sides = np.hypot(jacobian[..., 0], jacobian[..., 1])
+        if grid.sub > 1:
+            sides = np.sqrt(np.maximum(sides**2 - 1 / grid.sub**2, (sides / 4) ** 2))
+        return cls(field, mirrors, samples, grid, sides)
 
     @property
     def fine(self) -> tuple[int, int]:
         """Return (M s, N s)."""
         return self.mirrors[0] * self.samples, self.mirrors[1] * self.samples
-
-    @property
-    def side_px(self) -> float:
-        """Return the side of one sample's square footprint in px."""
-        return self.mirror_px / self.samples
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -48,90 +80,118 @@ class Layout:
         assert isinstance(self.field, FieldMap)
         return self.field
 
+    def part(self, wavelengths: slice) -> Layout:
+        """Return the same for some of the wavelengths."""
+        return replace(self, field=self.field.part(wavelengths), sides=self.sides[wavelengths])
+
+    def strip(self) -> np.ndarray:
+        """Return (n, 2): half the distance along x and y within which a sample touches a strip of cells one pixel wide."""
+        return (np.array([1.0, 1 / self.grid.sub]) + self.sides) / 2
+
     def reach(self) -> tuple[float, float]:
-        """Return how far from its estimated place a sample that touches a pixel can be, in samples along (rows, columns).
+        """Return how far from its estimated place a sample that touches a strip can be, in samples along (rows, columns).
 
         The estimate (a linear guess and one correction) is compared with the field map over the field and over a
-        sample's whole distance from a pixel; half again of the error found is added.
+        sample's whole distance from a strip; half again of the error found is added.
         """
-        f = self.map
+        f, per = self.map, np.array([self.fine[1], self.fine[0]]) / 2
         xi, eta = np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 7), indexing="ij")
         x, y = f.at(xi, eta)
-        half = (1 + self.side_px) / 2
-        error_x = error_y = 1e-9
-        for dx, dy in ((0, 0), (half, half), (-half, half), (half, -half), (-half, -half)):
-            found_xi, found_eta = f.inverse(x + dx, y + dy)
-            miss_x = (found_xi - xi) * f.x[:, 1, 0][:, None, None] - dx
-            miss_y = (found_eta - eta) * f.y[:, 0, 0][:, None, None] - dy
-            error_x = max(error_x, float(np.abs(miss_x)[f.valid].max(initial=0)))
-            error_y = max(error_y, float(np.abs(miss_y)[f.valid].max(initial=0)))
-        pitch_x = 2 * np.abs(f.x[f.valid, 1, 0]).min() / self.fine[1]
-        pitch_y = 2 * np.abs(f.y[f.valid, 0, 0]).min() / self.fine[0]
-        return float((half + 1.5 * error_y) / pitch_y * (1 + 1e-6)), float((half + 1.5 * error_x) / pitch_x * (1 + 1e-6))
+        back, half = np.linalg.inv(f.jacobian()), self.strip()
+        wide, high = half[:, 0, None, None], half[:, 1, None, None]
+        error = np.full(2, 1e-9)
+        for right, down in ((0, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)):
+            dx, dy = right * wide, down * high
+            for i, (found, true) in enumerate(zip(f.inverse(x + dx, y + dy), (xi, eta))):
+                line = true + back[:, i, 0, None, None] * dx + back[:, i, 1, None, None] * dy
+                error[i] = max(error[i], float(np.abs(found - line)[f.valid].max(initial=0)))
+        extent = (np.abs(back) @ half[..., None])[f.valid][..., 0].max(0)
+        columns, rows = (extent + 1.5 * error) * per * (1 + 1e-6)
+        return float(rows), float(columns)
+
+    def spread(self, block: int) -> tuple[float, float]:
+        """Return how far the places of neighbouring wavelengths, ``block`` at a time, lie apart, in samples along (rows, columns)."""
+        f, per = self.map, np.array([self.fine[1], self.fine[0]]) / 2
+        xi, eta = np.meshgrid(np.linspace(-1, 1, 3), np.linspace(-1, 1, 3), indexing="ij")
+        back = np.linalg.inv(f.jacobian())
+        places = np.einsum("nij,jnab->inab", back, np.stack(f.at(xi, eta)))
+        starts = np.arange(0, places.shape[1], block)
+        apart = np.maximum.reduceat(places, starts, axis=1) - np.minimum.reduceat(places, starts, axis=1)
+        columns, rows = apart.max((1, 2, 3)) * per * 1.1
+        return float(rows), float(columns)
 
     def fine_rows(self, first: int, last: int, reach: float) -> tuple[int, int]:
-        """Return the range of fine rows that holds all that can touch sensor rows first..last-1."""
-        f, fine = self.map, self.fine[0]
-        slope = f.y[f.valid, 0, 0]
+        """Return the range of fine rows that holds all that can touch rows of cells first..last-1."""
+        fine, f, grid = self.fine[0], self.map, self.grid
         xi, eta = np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 7), indexing="ij")
-        bend = np.abs(f.at(xi, eta)[1] - f.y[:, 0, 0][:, None, None] * eta)[f.valid].max()
-        spare = reach + 2 + 1.5 * bend * fine / (2 * np.abs(slope).min())
-        ends = [((i - self.middle[0]) / s + 1) / 2 * fine for i in (first, last - 1) for s in (slope.min(), slope.max())]
-        start, stop = int(np.floor(min(ends) - spare)), int(np.ceil(max(ends) + spare))
+        y = f.at(xi, eta)[1][f.valid] + self.middle[0]
+        slope = np.abs(f.y[f.valid, 0, f.powers[1].index(1)])
+        if slope.min() < np.abs(y - y.mean()).max() * 0.05:
+            return 0, fine  # the image is turned so far that rows of mirrors are no rows of cells
+        middle = y[:, 3, 3]
+        bend = np.abs(y - middle[:, None, None] - f.y[f.valid, 0, f.powers[1].index(1)][:, None, None] * eta).max()
+        ends = [grid.first[0] - 0.5 + i / grid.sub for i in (first, last)]
+        sign = np.sign(f.y[f.valid, 0, f.powers[1].index(1)])
+        places = [(sign * (end + side * bend * 1.5 - middle) / slope + 1) / 2 * fine for end in ends for side in (-1, 1)]
+        spare = reach + 2
+        start, stop = int(np.floor(min(p.min() for p in places) - spare)), int(np.ceil(max(p.max() for p in places) + spare))
         start = min(max(0, start), fine - 1)
         return start, max(start + 1, min(fine, stop))
 
     def edge_samples(self, margin_px: float = 0.01) -> np.ndarray:
-        """Return the flat indices of samples that some wavelength may lay, in part, beside the frame.
+        """Return the flat indices of samples that some wavelength may lay, in part, beside the grid.
 
-        A column (row) of samples is safe when its footprint stays inside by a margin at seven places along it.
+        A line of samples is safe when its footprints stay inside by a margin at seven places along it.
         """
         f, (height, width) = self.field, self.fine
         if not f.valid.any():
             return np.arange(0)
         xi, eta = ((np.arange(n) + 0.5) / (n / 2) - 1 for n in (width, height))
+        top, bottom, left, right = self.grid.borders()
         lines = np.linspace(-1, 1, 7)
-        spare = self.side_px / 2 + margin_px
+        wide, high = (self.sides[f.valid, i, None, None] / 2 + margin_px for i in (0, 1))
         x = f.at(xi[:, None], lines)[0][f.valid] + self.middle[1]
         y = f.at(lines, eta[:, None])[1][f.valid] + self.middle[0]
-        safe_x = ((x - spare > -0.5) & (x + spare < self.frame[1] - 0.5)).all((0, 2))
-        safe_y = ((y - spare > -0.5) & (y + spare < self.frame[0] - 0.5)).all((0, 2))
+        safe_x = ((x - wide > left) & (x + wide < right)).all((0, 2))
+        safe_y = ((y - high > top) & (y + high < bottom)).all((0, 2))
         return np.flatnonzero(~(safe_y[:, None] & safe_x))
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Hold what unit radiance of each fine wavelength on one whole mirror sends out, (n,) each.
+    """Hold what unit radiance of each fine wavelength on one whole mirror sends out, (n,) each, before the prism's own losses.
 
     Args:
-        curves: (C, n) contribution to a pixel of each spectral curve; 0 where the prism loses the light.
-        arriving: photons that leave the optics towards the sensor's plane; 0 where the prism loses the light.
+        curves: (C, n) contribution to a pixel of each spectral curve.
+        arriving: photons that reach the prism.
         outside: the part of ``arriving`` at wavelengths outside the discrete model's bands.
         blocked: photons stopped by the band-pass.
-        reflected: photons that pass the filter and are lost in the prism.
+        absorbed: photons lost in the lenses.
     """
 
     curves: np.ndarray
     arriving: np.ndarray
     outside: np.ndarray
     blocked: np.ndarray
-    reflected: np.ndarray
+    absorbed: np.ndarray
 
 
-@dataclass(frozen=True)
-class Budget:
-    """Count photons of one shot: sent = detected + missed + blocked + reflected.
+@dataclass(frozen=True, eq=False)
+class Account:
+    """Count photons of the L shots, (L,) each: sent = detected + missed + blocked + absorbed + reflected.
 
     Args:
-        sent: leave the open mirrors, at all wavelengths of the cube.
-        missed: fall beside the sensor.
+        sent: leave the mirrors within the light cone, at all wavelengths of the cube.
+        missed: fall beside the grid; light that the blur takes off the frame is added later.
         blocked: stopped by the band-pass.
-        reflected: lost in the prism (total reflection).
-        outside: detected, but at wavelengths outside the discrete model's bands.
+        absorbed: lost in the lenses.
+        reflected: lost in the prism (at its faces, by total reflection).
+        outside: on the grid, but at wavelengths outside the discrete model's bands.
     """
 
-    sent: float
-    missed: float
-    blocked: float
-    reflected: float
-    outside: float
+    sent: np.ndarray
+    missed: np.ndarray
+    blocked: np.ndarray
+    absorbed: np.ndarray
+    reflected: np.ndarray
+    outside: np.ndarray

@@ -7,19 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from optsim.camera.arrays import kernels
-from optsim.camera.band_model import OwnShifts, Shifts, curve_integrals, physical_model
+from optsim.camera.band_model import BandModel, OwnShifts, Shifts, physical_model
+from optsim.camera.bandpass import passed_photons, photons, support_nm
 from optsim.camera.camera import CameraConfig
-from optsim.camera.dmd import MAX_SEED, check_masks
-from optsim.camera.field import FieldMap, fit_field
+from optsim.camera.collect import Collected, Scene, collect
+from optsim.camera.dmd import MAX_SEED, check_masks, mirror_states
 from optsim.camera.fine import FineCube, Interpolate
+from optsim.camera.fixed_pattern import fixed_pattern
 from optsim.camera.frames import make_frames
-from optsim.camera.gather import Gather
-from optsim.camera.layout import Budget, Layout, Weights
-from optsim.camera.matched import add_noise, versions
+from optsim.camera.layer_bins import layer_sites
+from optsim.camera.layout import Weights
+from optsim.camera.matched import versions
 from optsim.camera.model import Model, ranged
-from optsim.camera.noise import Noise
-from optsim.camera.radiometry import PHOTONS_PER_JOULE_NM
+from optsim.camera.noise import Noise, expose
+from optsim.camera.pixels import charges
 from optsim.camera.sensor import Sensor
 from optsim.cube import Bands
 
@@ -38,7 +39,9 @@ class Exposure(Model):
         fill: in (0, 1].
         noise: None gives the mean electrons; else digital numbers.
         interpolate: None refuses a cube that is too coarse.
-        shifts: what the H in the file knows about the prism.
+        shifts: what the H in the file knows about the camera.
+        gray: allow masks between 0 and 1.
+        sub_pixels: cells along a pixel's side on which light is blurred, an odd number from 1 to 15.
         seed: of the noise, and a note of the masks' seed.
         masks_name: distinct or repeated, a note in the file.
     """
@@ -49,6 +52,8 @@ class Exposure(Model):
     noise: Noise | None = None
     interpolate: Interpolate | None = None
     shifts: Shifts = OwnShifts()
+    gray: bool = False
+    sub_pixels: Annotated[int, ranged(1, 15, "cells a pixel's side")] = 3
     seed: Annotated[int, ranged(0, MAX_SEED, "")] = 0
     masks_name: str = "distinct"
 
@@ -80,77 +85,58 @@ def photograph(
         InputError: ``cube``, ``masks``, ``sensor.curve``, ``bands``, ``exposure_s`` and what they name.
     """
     exposure = Exposure() if exposure is None else exposure
-    masks = check_masks(masks)
-    unit = physical_model(camera, sensor, bands, masks, exposure.shifts)
-    fine = FineCube(
-        cube, bands, (masks.shape[1], masks.shape[2]), exposure.interpolate, (camera.bandpass.lower_nm, camera.bandpass.upper_nm)
+    masks = check_masks(masks, exposure.gray)
+    unit = physical_model(camera, sensor, bands, masks, exposure.shifts, gray=exposure.gray)
+    support = support_nm(camera.bandpass)
+    fine = FineCube(cube, bands, (masks.shape[1], masks.shape[2]), exposure.interpolate, support)
+    half = camera.dmd.pitch_um / 2000
+    scene = Scene(
+        fine=fine,
+        states=mirror_states(masks, camera.dmd).astype(np.float64),
+        half_mm=(masks.shape[2] * half, masks.shape[1] * half),
+        place_nm=np.clip((np.clip(fine.bands.lower, *support) + np.clip(fine.bands.upper, *support)) / 2, *support),
+        frame=(masks.shape[1], unit.width),
     )
-    layout, weights = _prepare(camera, sensor, bands, fine, unit.width)
-    mean, detected, budgets = _measure(layout, weights, masks, unit.mosaic, fine)
+    collected = collect(camera.optics, scene, _weights(camera, sensor, bands, fine), exposure.sub_pixels)
+    _warn_of_steps(collected.step_px)
+    mean = charges(collected.light, unit.mosaic, sensor, camera.sensor)
     time_s = _time(mean, exposure, camera.sensor.full_well_e)
     model, values = unit.scaled(time_s), mean * time_s
-    attrs = _attributes(camera, exposure, fine, layout, time_s) | _photons(detected, budgets, time_s)
+    attrs = _attributes(camera, exposure, fine, collected, time_s) | _photons(collected, time_s)
     if exposure.noise is not None:
-        values, model, read = add_noise(
-            values, model, exposure.noise, full_well_e=camera.sensor.full_well_e, exposure_s=time_s, seed=exposure.seed
-        )  # fmt: skip
-        attrs |= {"units": "DN", **read}
+        values, model, read = _expose(values, model, camera, sensor, exposure, time_s)
+        attrs |= read
     return make_frames(values, model, attrs)
 
 
-def _prepare(camera: CameraConfig, sensor: Sensor, bands: Bands, fine: FineCube, width: int) -> tuple[Layout, Weights]:
-    """Trace the field and integrate the spectral weights of every fine band, for one second."""
-    rows, columns = fine.shape[0] // fine.samples, fine.shape[1] // fine.samples
-    half = camera.dmd.pitch_um / 2000
-    lower, upper = camera.bandpass.clip(fine.bands.lower, fine.bands.upper)
-    field = fit_field(camera.dispersion, (lower + upper) / 2, columns * half, rows * half)  # blocked light needs no place of its own
-    layout = Layout(field, (rows, columns), fine.samples, (rows, width), camera.mirror_px)
+def _weights(camera: CameraConfig, sensor: Sensor, bands: Bands, fine: FineCube) -> Weights:
+    """Integrate the spectral weights of every fine band, for one second (theory.md (C.38))."""
+    lower, upper, bandpass = fine.bands.lower, fine.bands.upper, camera.bandpass
+    first, last = support_nm(bandpass)
+    inside = np.clip(lower, first, last), np.clip(upper, first, last)
+    some = inside[1] > inside[0]
+    if some.any():
+        sensor.check_range(float(inside[0][some].min()), float(inside[1][some].max()))
     throughput = camera.throughput_m2_sr
-    full, passed = (throughput * _photon_share(*edges) for edges in ((fine.bands.lower, fine.bands.upper), (lower, upper)))
-    known = np.zeros(fine.bands.count)
-    for low, high in zip(bands.lower, bands.upper):
-        known += throughput * _photon_share(np.clip(lower, low, high), np.clip(upper, low, high))
-    curves = throughput * curve_integrals(sensor, lower, upper)
-    weights = Weights(
-        curves=np.where(field.valid, curves, 0.0),
-        arriving=np.where(field.valid, passed, 0.0),
-        outside=np.where(field.valid, np.maximum(passed - known, 0.0), 0.0),
-        blocked=full - passed,
-        reflected=np.where(field.valid, 0.0, passed),
+    passed = passed_photons(bandpass, lower, upper)
+    known = sum(
+        passed_photons(bandpass, np.clip(lower, low, high), np.clip(upper, low, high)) for low, high in zip(bands.lower, bands.upper)
     )
-    return layout, weights
+    full = photons(lower, upper)
+    return Weights(
+        curves=throughput * np.stack([passed_photons(bandpass, lower, upper, curve) for curve in sensor.curves]),
+        arriving=throughput * passed,
+        outside=throughput * np.maximum(passed - known, 0.0),
+        blocked=throughput * np.maximum(full - passed, 0.0),
+        absorbed=throughput * (1 / camera.relay.transmission - 1) * full,
+    )
 
 
-def _check_step(layout: Layout) -> float:
-    """Return the largest step between neighbouring fine wavelengths on the axis in px; warn where they lie apart like beads."""
-    x, _ = layout.field.at(np.zeros(1), np.zeros(1))
-    both = layout.field.valid[1:] & layout.field.valid[:-1]
-    step = float(np.abs(np.diff(x[:, 0]))[both].max(initial=0.0))
-    if step > MAX_STEP_PX:
+def _warn_of_steps(step_px: float) -> None:
+    if step_px > MAX_STEP_PX:
         warnings.warn(
-            f"the cube's wavelengths lie up to {step:.2g} px apart on the sensor; render more of them (--subdivide)", stacklevel=3
+            f"the cube's wavelengths lie up to {step_px:.2g} px apart on the sensor; render more of them (--subdivide)", stacklevel=3
         )
-    return step
-
-
-def _photon_share(lower_nm: np.ndarray, upper_nm: np.ndarray) -> np.ndarray:
-    """Return the integral of lambda / (h c) from lower to upper, 0 for empty bands."""
-    return np.maximum(upper_nm - lower_nm, 0.0) * (upper_nm + lower_nm) / 2 * PHOTONS_PER_JOULE_NM
-
-
-def _measure(
-    layout: Layout, weights: Weights, masks: np.ndarray, mosaic: np.ndarray | None, fine: FineCube
-) -> tuple[np.ndarray, np.ndarray, list[Budget]]:
-    """Return frames, detected photons and accounts for one second of exposure."""
-    k = kernels()
-    if k is None or not isinstance(layout.field, FieldMap):
-        from optsim.camera.scatter import Scatter
-
-        scatter = Scatter(layout, weights, masks, mosaic, fine.rows)
-        return scatter.frames, scatter.photons, scatter.budget
-    gather = Gather(k, layout, weights, masks, mosaic, fine.rows)
-    frames, photons = gather.frames()
-    return frames, photons, gather.budget()
 
 
 def _time(mean_per_s: np.ndarray, exposure: Exposure, full_well_e: float) -> float:
@@ -161,7 +147,36 @@ def _time(mean_per_s: np.ndarray, exposure: Exposure, full_well_e: float) -> flo
     return exposure.fill * full_well_e / brightest if brightest > 0 else 1.0
 
 
-def _attributes(camera: CameraConfig, exposure: Exposure, fine: FineCube, layout: Layout, time_s: float) -> dict[str, Any]:
+def _expose(
+    mean_e: np.ndarray, model: BandModel, camera: CameraConfig, sensor: Sensor, exposure: Exposure, time_s: float
+) -> tuple[np.ndarray, BandModel, dict[str, Any]]:
+    """Return digital numbers, the model in DN, and how to read them."""
+    noise = exposure.noise
+    assert noise is not None
+    rows, columns = mean_e.shape[-2:]
+    pattern = fixed_pattern((mean_e.shape[1], rows, columns), camera.sensor)[1] if camera.sensor.dsnu_e > 0 else None
+    exposed = expose(
+        mean_e,
+        noise,
+        full_well_e=camera.sensor.full_well_e,
+        exposure_s=time_s,
+        seed=exposure.seed,
+        offset_e=pattern,
+        sites=layer_sites(sensor.layer_bins, rows, columns) if mean_e.shape[1] == len(sensor.layer_bins) else None,
+    )
+    attrs = {
+        "units": "DN",
+        "gain": exposed.gain,
+        "offset": exposed.dark_dn,
+        "bits": noise.bits,
+        "read_noise_e": noise.read_noise_e,
+        "dark_e_per_s": noise.dark_e_per_s,
+        "saturated_pixels": exposed.saturated,
+    }
+    return exposed.dn, model.scaled(exposed.gain), attrs
+
+
+def _attributes(camera: CameraConfig, exposure: Exposure, fine: FineCube, collected: Collected, time_s: float) -> dict[str, Any]:
     return {
         "units": "electron",
         "model": "physical-interpolated" if fine.interpolated else "physical",
@@ -174,21 +189,23 @@ def _attributes(camera: CameraConfig, exposure: Exposure, fine: FineCube, layout
         "camera": camera.to_toml(),
         "cube_range_nm": f"{fine.bands.lower[0]:g}-{fine.bands.upper[-1]:g}",
         "bandpass_nm": f"{camera.bandpass.lower_nm:g}-{camera.bandpass.upper_nm:g}",
-        "field_error_px": layout.field.error_px,
-        "wavelength_step_px": _check_step(layout),
+        "field_error_px": collected.error_px,
+        "wavelength_step_px": collected.step_px,
+        "pupil_rays": collected.rays,
+        "blur_reach_px": collected.reach_px,
         "versions": versions(),
     }
 
 
-def _photons(detected: np.ndarray, budgets: list[Budget], time_s: float) -> dict[str, float]:
-    def total(name: str) -> float:
-        return float(sum(getattr(b, name) for b in budgets)) * time_s
-
-    return {
-        "photons_sent": total("sent"),
-        "photons_detected": float(detected.sum()) * time_s,
-        "photons_missed_sensor": total("missed"),
-        "photons_blocked": total("blocked"),
-        "photons_reflected": total("reflected"),
-        "photons_outside_bands": total("outside"),
+def _photons(collected: Collected, time_s: float) -> dict[str, float]:
+    account = collected.account
+    parts = {
+        "sent": account.sent,
+        "detected": collected.detected,
+        "missed_sensor": account.missed,
+        "blocked": account.blocked,
+        "absorbed": account.absorbed,
+        "reflected": account.reflected,
+        "outside_bands": account.outside,
     }
+    return {f"photons_{name}": float(values.sum()) * time_s for name, values in parts.items()}
