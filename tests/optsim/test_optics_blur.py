@@ -163,3 +163,29 @@ def test_pupil_points_tend_to_the_disc():
     r = np.hypot(*points.T)
     for radius in (0.25, 0.5, 0.8):
         assert weights[r < radius].sum() == pytest.approx(radius**2, abs=0.03)
+
+
+def spot(optics, X, Y, count):
+    """Return the image of a pixel-sized mirror on 25 x 25 pixels, ray by ray."""
+    points, weights = rings(count)
+    x, y, _ = optics.position_px(550.0, X, Y, points)
+    x0, y0, _ = optics.position_px(550.0, X, Y)
+    place = np.arange(-12, 13)
+    along, across = (np.clip(1 - np.abs(place - (a - np.round(a0))[:, None]), 0, 1) for a, a0 in ((x, x0), (y, y0)))
+    return np.einsum("p,py,px->yx", weights, across, along)
+
+
+@pytest.mark.parametrize(
+    ("camera", "wrong"),
+    [
+        ({"dmd": {"tilt_deg": 24.0}, "relay": {"scheimpflug": False}}, (0.139, 0.052, 0.0129)),
+        ({"relay": {"converging": True}}, (0.0076, 0.0044, 0.0016)),
+    ],
+    ids=["tilted", "converging"],
+)
+def test_the_share_of_light_on_wrong_pixels_falls_with_the_number_of_rays_as_the_theory_says(camera, wrong):
+    optics = CameraConfig(**camera).optics
+    fine = spot(optics, 1.75, -1.75, 4096)
+    assert fine.sum() == pytest.approx(1, abs=1e-12)
+    found = [np.abs(spot(optics, 1.75, -1.75, count) - fine).sum() / 2 for count in (32, 64, 256)]
+    assert found == pytest.approx(wrong, rel=0.05)
