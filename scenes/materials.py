@@ -6,9 +6,10 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, BeforeValidator, InstanceOf
+from pydantic import AfterValidator, BeforeValidator, InstanceOf, model_validator
 
 from scenes.errors import InputError
+from scenes.glasses import glass_index
 from scenes.model import Model, ranged
 from scenes.spectrum import Spectrum
 
@@ -93,16 +94,33 @@ class Dielectric(Material):
     """Smooth clear glass in air, for closed shapes.
 
     Args:
-        index: refractive index at the d line (587.56 nm), 1 to 4.
-        abbe: Abbe number (n_d - 1) / (n_F - n_C), 5 to 1000; None for no dispersion.
+        index: refractive index at the d line (587.56 nm), 1 to 4; with ``glass`` the catalogue's.
+        abbe: Abbe number (n_d - 1) / (n_F - n_C), 5 to 1000; None for no dispersion; with ``glass`` the catalogue's.
+        glass: name of a catalogue glass, whose Sellmeier formula then gives the index at every wavelength.
     """
 
     index: Annotated[float, ranged(1, 4, "(refractive index)")]
     abbe: Annotated[float, ranged(5, 1000, "(Abbe number)")] | None = None
+    glass: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_catalogue(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or not isinstance(data.get("glass"), str):
+            return data
+        d, f, c = (float(n) for n in glass_index(data["glass"], [LINE_D_NM, LINE_F_NM, LINE_C_NM]))
+        known = {"index": d, "abbe": (d - 1) / (f - c)}
+        for name, value in known.items():
+            given = data.get(name)
+            if given is not None and not (isinstance(given, int | float) and abs(given - value) <= 1e-9 * value):
+                raise InputError(name, given, f"left out with glass = {data['glass']!r}, whose {name} is {value:.6g}")
+        return {**data, **known}
 
     def index_at(self, wavelength_nm: ArrayLike) -> np.ndarray:
-        """Return the index by Cauchy's two terms through index and Abbe number (theory.md (R.6)), wavelengths in nm."""
+        """Return the index at wavelengths in nm: Sellmeier's of a catalogue glass, else Cauchy's two terms (theory.md (R.6))."""
         x = np.asarray(wavelength_nm, np.float64)
+        if self.glass is not None:
+            return glass_index(self.glass, x)
         if self.abbe is None:
             return np.full(x.shape, self.index)
         slope = (self.index - 1) / self.abbe / (LINE_F_NM**-2 - LINE_C_NM**-2)

@@ -118,7 +118,7 @@ def read_regular(path: Path, limit: int, field: str) -> bytes:
     try:
         kind = path.stat()
     except (OSError, ValueError) as error:
-        raise InputError(field, str(path), f"a file that can be read ({error.strerror})") from None
+        raise InputError(field, str(path), f"a file that can be read ({getattr(error, 'strerror', None) or error})") from None
     if not stat.S_ISREG(kind.st_mode):
         raise InputError(field, str(path), "a regular file (not a folder, pipe or device)")
     if kind.st_size > limit:

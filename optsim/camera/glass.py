@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import field_validator, model_validator
 
-from optsim.camera.arrays import Array
+from optsim.camera.arrays import NUMPY, Array, Ops
 from optsim.camera.model import Model, did_you_mean
 from optsim.errors import InputError
 
@@ -25,9 +25,9 @@ class Rational(NamedTuple):
     numerator: tuple[float, ...]
     denominator: tuple[float, ...]
 
-    def excess(self, squared_um: Array) -> Array:
+    def excess(self, squared_um: Array, ops: Ops = NUMPY) -> Array:
         """Evaluate n^2 - 1 at squared wavelengths in um^2; the range is the caller's to check."""
-        return squared_um * _horner(self.numerator, squared_um) / _horner(self.denominator, squared_um)
+        return squared_um * _horner(ops, self.numerator, squared_um) / _horner(ops, self.denominator, squared_um)
 
 
 class Glass(Model):
@@ -132,7 +132,7 @@ AIR = Glass(name="air", range_nm=(100, 1e5), source="indices of glass are agains
 @functools.cache
 def glass_names() -> tuple[str, ...]:
     """List the glasses that are built in."""
-    folder = resources.files("optsim") / "data" / "glass"
+    folder = resources.files("scenes") / "data" / "glass"
     return tuple(sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml")))
 
 
@@ -150,7 +150,7 @@ def glass(name: str) -> Glass:
     if name not in glass_names():
         form = f"one of {', '.join(glass_names())}{did_you_mean(name, glass_names())}, or MAKER:NAME as in 'schott:N-LAK8'"
         raise InputError("glass", name, form)
-    text = (resources.files("optsim") / "data" / "glass" / f"{name}.toml").read_text()
+    text = (resources.files("scenes") / "data" / "glass" / f"{name}.toml").read_text()
     return Glass(**tomllib.loads(text))
 
 
@@ -161,8 +161,11 @@ def medium(name: str, own: Mapping[str, Glass] | None = None) -> Glass:
     return AIR if name == AIR.name else glass(name)
 
 
-def _horner(coefficients: tuple[float, ...], x: Array) -> Array:
-    result: Array = coefficients[0]
-    for c in coefficients[1:]:
-        result = result * x + c
+def _horner(ops: Ops, coefficients: tuple[float, ...], x: Array) -> Array:
+    first, *rest = coefficients
+    if not rest:
+        return first
+    result: Array = x + rest[0] if first == 1 else ops.fma(x, first, rest[0])
+    for c in rest[1:]:
+        result = ops.fma(result, x, c)
     return result

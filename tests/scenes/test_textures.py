@@ -185,3 +185,24 @@ def test_a_scene_file_describes_solids_by_what_they_are(tmp_path, text, volume):
     a, b, c = (mesh.vertices[mesh.faces[:, k]] - np.array([1, 2, 3]) for k in range(3))
     found = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6  # positive when faces look outwards
     assert found == pytest.approx(volume, rel=5e-3)
+
+
+def test_a_catalogue_glass_bends_as_the_cameras_own_formula_says(tmp_path):
+    from optsim.camera.glass import glass, glass_names
+    from scenes.glasses import glass_names as scene_glasses
+    from scenes.materials import Dielectric
+
+    nm = np.linspace(380, 780, 9)
+    assert scene_glasses() == glass_names()
+    for name in ("N-BK7", "F2", "N-SF10"):
+        found = Dielectric(glass=name)
+        np.testing.assert_allclose(found.index_at(nm), glass(name).index(nm), rtol=1e-14)
+        assert found.abbe == pytest.approx(glass(name).abbe, rel=1e-12)
+    assert Dielectric(glass="N-BK7").index == pytest.approx(1.5168, abs=1e-5)
+    assert Dielectric(**Dielectric(glass="F2").model_dump()) == Dielectric(glass="F2")
+    with pytest.raises(InputError, match="did you mean 'N-BK7'"):
+        Dielectric(glass="N-BK8")
+    with pytest.raises(InputError, match=r"material\.index"):
+        Dielectric(glass="N-BK7", index=1.6)
+    with pytest.raises(InputError, match="300 to 2500"):
+        Dielectric(glass="N-BK7").index_at(200)
