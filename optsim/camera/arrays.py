@@ -24,15 +24,17 @@ class Ops:
     Args:
         sqrt, sin, cos: elementwise functions.
         where: ``where(mask, a, b)`` elementwise choice.
+        fma: a b + c; rounded once where the arrays can.
     """
 
     sqrt: Callable[[Array], Array]
     sin: Callable[[Array], Array]
     cos: Callable[[Array], Array]
     where: Callable[[Array, Array, Array], Array]
+    fma: Callable[[Array, Array, Array], Array]
 
 
-NUMPY = Ops(np.sqrt, np.sin, np.cos, np.where)
+NUMPY = Ops(np.sqrt, np.sin, np.cos, np.where, lambda a, b, c: a * b + c)
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Kernels:
     @property
     def ops(self) -> Ops:
         """Return the formulas' operations on this backend's arrays."""
-        return Ops(self.dr.sqrt, self.dr.sin, self.dr.cos, self.dr.select)
+        return Ops(self.dr.sqrt, self.dr.sin, self.dr.cos, self.dr.select, self.dr.fma)
 
     def opaque(self, kind: Any, value: float) -> Array:
         """Return a scalar that is an input of a kernel, not a literal in it: a new value does not recompile."""

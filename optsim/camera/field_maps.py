@@ -216,7 +216,7 @@ class WholePixel(Model):
 def _bend(ops: Ops, glasses: tuple[Glass, ...], tilts: tuple[float, ...], wavelength_nm: Any) -> Any:
     """Return the thin prism's deviation in rad: the sum over faces of (n' - n) t."""
     squared_um = wavelength_nm * wavelength_nm * 1e-6
-    known = {medium: ops.sqrt(1 + medium.rational.excess(squared_um)) for medium in dict.fromkeys(glasses)}
+    known = {medium: ops.sqrt(1 + medium.rational.excess(squared_um, ops)) for medium in dict.fromkeys(glasses)}
     total: Any = -tilts[-1] * (known[glasses[-1]] - 1)
     before: Any = 1.0
     for medium, tilt in zip(glasses, tilts):

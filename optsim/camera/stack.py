@@ -201,10 +201,10 @@ class Prism(Model, ABC):
         excess = []
         for medium, shift in zip(self.media, faces.squared_shift, strict=True):
             if medium not in known:
-                known[medium] = medium.rational.excess(squared_um)
+                known[medium] = medium.rational.excess(squared_um, ops)
             unshifted = isinstance(shift, float) and shift == 0
             excess.append(known[medium] if unshifted else known[medium] + shift)
-        norm2 = X_mm * X_mm + Y_mm * Y_mm + faces.collimator_mm * faces.collimator_mm
+        norm2 = ops.fma(X_mm, X_mm, ops.fma(Y_mm, Y_mm, faces.collimator_mm * faces.collimator_mm))
         tilts = [(ops.sin(t), ops.cos(t)) for t in faces.tilt_rad]
         return X_mm, faces.collimator_mm, norm2, tilts, (*excess, 0.0)
 

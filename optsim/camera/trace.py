@@ -39,7 +39,7 @@ def trace_faces(ops: Ops, kx: Array, kz: Array, norm2: Array, tilts: Sequence[tu
 
     k' = k + (sqrt(n'^2 - n^2 + (k.N)^2) - k.N) N needs one root a face, and n^2 only. k_y is conserved and enters
     through ``norm2`` alone. A root is taken of 1 where its argument is not positive, so that gradients stay finite
-    (0) at total reflection.
+    (0) at total reflection; what follows such a root is finite, and masked at the end.
 
     Args:
         ops: the arrays' operations.
@@ -51,8 +51,8 @@ def trace_faces(ops: Ops, kx: Array, kz: Array, norm2: Array, tilts: Sequence[tu
     """
     before: Array = 0.0
     ray = _start(kx, kz)
-    for tilt, after in zip(tilts, excess, strict=True):
-        ray, before = _refract(ops, ray, tilt, (after - before) * norm2), after
+    for tilt, after in zip(tilts, [e * norm2 for e in excess], strict=True):
+        ray, before = _refract(ops, ray, tilt, after - before), after
     return Traced(ray.kx, ray.kz, ray.valid & (ray.kz > 0), ray.met)
 
 
@@ -89,13 +89,13 @@ def _start(kx: Array, kz: Array) -> _Face:
 def _refract(ops: Ops, ray: _Face, tilt: tuple[Array, Array], step: Array) -> _Face:
     """Refract at one face; ``step`` is (n'^2 - n^2) k_0^2."""
     s, c = tilt
-    along = ray.kx * s + ray.kz * c
-    radicand = step + along * along
-    met = ray.met & (along > 0)
-    valid = ray.valid & (along > 0) & (radicand > 0)
-    root = ops.sqrt(ops.where(valid, radicand, 1.0))
-    gain = ops.where(valid, root - along, 0.0)
-    return _Face(ray.kx + gain * s, ray.kz + gain * c, valid, met, along, root)
+    along = ops.fma(ray.kx, s, ray.kz * c)
+    radicand = ops.fma(along, along, step)
+    passes, front = radicand > 0, along > 0
+    root = ops.sqrt(ops.where(passes, radicand, 1.0))
+    gain = root - along
+    met = ops.where(ray.valid, ray.met & front, ray.met)  # what a lost ray meets later does not count
+    return _Face(ops.fma(gain, s, ray.kx), ops.fma(gain, c, ray.kz), ray.valid & front & passes, met, along, root)
 
 
 def image_point(ops: Ops, traced: Traced, ky: Array, focal: Array) -> tuple[Array, Array]:
