@@ -21,6 +21,8 @@ VERBS = {
     "reconstruct": "optsim.cli.stages:reconstruct",
     "score": "optsim.cli.stages:score",
     "prism": "optsim.cli.prism:prism",
+    "calibrate": "optsim.cli.calibrate:calibrate",
+    "camera": "optsim.cli.camera:camera",
     "explain": "optsim.cli.explain:explain",
     "doctor": "optsim.cli.questions:doctor",
     "scenes": "optsim.cli.questions:scenes",

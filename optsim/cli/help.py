@@ -65,6 +65,21 @@ positive; the bands are the prism's own steps of one pixel; the residual is the 
 
 Example: `optsim prism --plot prism.png`
 """,
+    "calibrate": """Fit a camera's file to spots of known wavelength.
+
+SPOTS is a CSV with columns wavelength_nm, X_mm, Y_mm (lit place at the mirrors), x_px, y_px (centroid) and, if known, sigma_px.
+Without it, a camera is built at random within its tolerances and measured. The answer: the dispersion curve with its standard
+error, offset, rotation and scale of the mirrors' image, their covariance, and which combinations of parameters the spots cannot
+tell apart.
+
+Example: `optsim calibrate --noise 0.1 --plot calibration.png`
+
+Example: `optsim calibrate spots.csv --camera camera.toml -o fitted.toml`
+""",
+    "camera": """Print the default camera as TOML: a file to change and to pass to --camera.
+
+Example: `optsim camera > camera.toml`
+""",
     "explain": """Which physical effects a scene, or a camera, requires.
 
 A scene's are decided from materials, geometry and lights, never from its name; with the error of leaving each out.
