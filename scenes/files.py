@@ -15,6 +15,7 @@ from scenes.errors import InputError
 from scenes.file_shapes import FORMS, procedural_mesh
 from scenes.file_spectra import MAX_BYTES, inside, parse_spectrum, require_keys, spectrum_data, under
 from scenes.file_textures import texture_fields
+from scenes.framing import lens_on, orthographic_on, perspective_on
 from scenes.lights import AreaLight, ConstantSky, DirectionalLight, GradientSky, PointLight
 from scenes.materials import Conductor, Dielectric, Diffuse, RoughPlastic
 from scenes.meshes import read_mesh, read_regular
@@ -135,14 +136,33 @@ def scene_from_data(data: Any, folder: Path | None = None) -> Scene:
         raise InputError("viewpoint", None, "given")
     materials = _table(table.get("materials", {}), "materials")
     shapes, lights = _list(table.get("shapes", []), "shapes"), _list(table.get("lights", []), "lights")
+    built = tuple(_build(shape, SHAPE_KINDS, _shape_place(shape, i), folder) for i, shape in enumerate(shapes))
     return Scene(
         name=table.get("name", ""),
         description=table.get("description", ""),
-        viewpoint=_build(table["viewpoint"], VIEWPOINT_KINDS, "viewpoint", folder),
+        viewpoint=_viewpoint(table["viewpoint"], built),
         materials={name: _build(m, MATERIAL_KINDS, f"materials.{name}", folder) for name, m in materials.items()},
         lights=tuple(_build(light, LIGHT_KINDS, f"lights[{i}]", folder) for i, light in enumerate(lights)),
-        shapes=tuple(_build(shape, SHAPE_KINDS, _shape_place(shape, i), folder) for i, shape in enumerate(shapes)),
+        shapes=built,
     )
+
+
+def _viewpoint(data: Any, shapes: tuple[Any, ...]) -> Any:
+    """Build a viewpoint; ``square_on = NAME, distance = METRES`` aligns it to a rectangle that then fills the picture's height."""
+    fields = dict(_table(data, "viewpoint"))
+    if "square_on" not in fields:
+        return _build(fields, VIEWPOINT_KINDS, "viewpoint", None)
+    makers = {"orthographic": (orthographic_on, ()), "perspective": (perspective_on, ()), "thin-lens": (lens_on, ("aperture_m",))}
+    kind = fields.get("kind")
+    if kind not in makers:
+        raise InputError("viewpoint.kind", kind, f"one of {', '.join(makers)}{did_you_mean(str(kind), makers)}")
+    make, more = makers[kind]
+    require_keys(fields, ("kind", "square_on", "distance", *more), "viewpoint")
+    flat = {shape.name: shape for shape in shapes if isinstance(shape, Rectangle)}
+    name = fields["square_on"]
+    if not isinstance(name, str) or name not in flat:
+        raise InputError("viewpoint.square_on", name, f"the name of a rectangle: {', '.join(flat) or '(there is none)'}")
+    return make(flat[name], fields.get("distance"), *(fields.get(word) for word in more))
 
 
 def _build(data: Any, kinds: Kinds, place: str, folder: Path | None) -> Any:

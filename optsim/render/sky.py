@@ -1,4 +1,4 @@
-"""What the sky sends from each direction, relative to its radiance: Mitsuba's sky is constant, this factor makes it change (theory.md (R.35))."""
+"""What the sky sends from each direction, relative to its radiance (theory.md (R.35)): Mitsuba's sky is constant, this makes it change."""
 
 from __future__ import annotations
 

@@ -206,3 +206,23 @@ def test_a_catalogue_glass_bends_as_the_cameras_own_formula_says(tmp_path):
         Dielectric(glass="N-BK7", index=1.6)
     with pytest.raises(InputError, match="300 to 2500"):
         Dielectric(glass="N-BK7").index_at(200)
+
+
+@pytest.mark.parametrize(("kind", "more"), [("orthographic", ""), ("perspective", ""), ("thin-lens", "aperture_m = 0.02\n")])
+def test_a_view_square_on_a_rectangle_has_its_corners_in_the_pictures_corners(tmp_path, kind, more):
+    c, s = np.cos(0.4), np.sin(0.4)
+    (tmp_path / "s.toml").write_text(
+        f'name = "s"\n[viewpoint]\nkind = "{kind}"\nsquare_on = "card"\ndistance = 3.0\n{more}'
+        '[materials]\nred = {kind = "diffuse", reflectance = "red"}\n'
+        f'[[shapes]]\nkind = "rectangle"\nname = "card"\nmaterial = "red"\ncenter = [1, 2, 3]\nhalf_u = [{1.5 * c}, 0, {1.5 * s}]\nhalf_v = [0, 1, 0]\n'
+    )
+    scene = read_scene(tmp_path / "s.toml")
+    (card,) = scene.shapes
+    origins, d = scene.viewpoint.rays(np.array([0.0, 1, 1, 0]), np.array([1.0, 1, 0, 0]), 1.5)
+    far = ((np.asarray(card.center) - origins) @ card.normal) / (d @ card.normal)
+    np.testing.assert_allclose(origins + far[:, None] * d, card.corners(), atol=1e-12)
+    for bad in ('square_on = "cart"', "distance = -1.0"):
+        text = (tmp_path / "s.toml").read_text()
+        (tmp_path / "bad.toml").write_text(text.replace('square_on = "card"' if "cart" in bad else "distance = 3.0", bad))
+        with pytest.raises(InputError, match="viewpoint"):
+            read_scene(tmp_path / "bad.toml")
