@@ -214,7 +214,8 @@ def test_a_view_square_on_a_rectangle_has_its_corners_in_the_pictures_corners(tm
     (tmp_path / "s.toml").write_text(
         f'name = "s"\n[viewpoint]\nkind = "{kind}"\nsquare_on = "card"\ndistance = 3.0\n{more}'
         '[materials]\nred = {kind = "diffuse", reflectance = "red"}\n'
-        f'[[shapes]]\nkind = "rectangle"\nname = "card"\nmaterial = "red"\ncenter = [1, 2, 3]\nhalf_u = [{1.5 * c}, 0, {1.5 * s}]\nhalf_v = [0, 1, 0]\n'
+        '[[shapes]]\nkind = "rectangle"\nname = "card"\nmaterial = "red"\n'
+        f"center = [1, 2, 3]\nhalf_u = [{1.5 * c}, 0, {1.5 * s}]\nhalf_v = [0, 1, 0]\n"
     )
     scene = read_scene(tmp_path / "s.toml")
     (card,) = scene.shapes
