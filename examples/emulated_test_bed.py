@@ -61,7 +61,7 @@ pictures = {
     "Foveon": normalised(np.moveaxis(foveon["frames"].values[0], 0, -1)),
 }
 side = size // 5
-row, column = size // 2, (size + bands.count) // 2
+row, column = size // 4, int(0.62 * (size + bands.count))
 figure, axes = plt.subplots(2, 3, figsize=(12, 7), layout="constrained")
 for (name, picture), (whole, zoom) in zip(pictures.items(), axes.T):
     whole.imshow(picture, cmap="gray", interpolation="nearest")
