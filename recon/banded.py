@@ -1,37 +1,59 @@
-"""The exact data step of a camera that spreads a band over several columns (theory.md (S.15))."""
+"""The exact data step of a camera that spreads a band over several columns of its row (theory.md (S.15), (S.42))."""
 
 import numpy as np
 
-from recon import aperture_kernels, threads
-from recon.coded_aperture import CodedAperture, mosaic_tile
-from recon.data_step import Sums, merge_repeats, whiten
+from recon import threads
+from recon.coded_aperture import CodedAperture
+from recon.data_step import Sums
+from recon.field_aperture import FieldAperture
 
 REGULAR = {"float32": 1e-6, "float64": 1e-11}  # of the largest diagonal entry: what is added when rho = 0
+NEAR_SHARE = 0.9  # of a band's light that the columns kept there hold
+
+
+class RowInverse:
+    """``(H H^T + rho I)^-1`` of a camera whose rows don't couple: one banded Cholesky factor a sensor row, made in float64.
+
+    Args:
+        operator: H.
+        rho: at least 0.
+        regular: with rho = 0 a banded factor cannot leave out eigenvalues: this part of H H^T's largest diagonal entry is added.
+    """
+
+    def __init__(self, operator: CodedAperture | FieldAperture, rho: float, regular: float = 0.0) -> None:
+        from recon import banded_kernels
+
+        self._solve = banded_kernels.solve_groups
+        self._factor = _factor(operator, rho if rho > 0 else regular * _largest(operator))
+        self._none = np.zeros(operator.out_shape, operator.dtype)
+
+    @classmethod
+    def near(cls, operator: FieldAperture, rho: float) -> "RowInverse":
+        """Return the inverse of the nearest camera whose rows don't couple (theory.md (S.43))."""
+        return cls(operator.rows_only(NEAR_SHARE), rho)
+
+    def __call__(self, frames: np.ndarray, seen: np.ndarray | None = None, out: np.ndarray | None = None) -> np.ndarray:
+        """Return the inverse times (frames - seen)."""
+        result = np.empty_like(frames) if out is None else out
+        threads.run(self._solve, self._factor.shape[0], self._factor, frames, self._none if seen is None else seen, result)
+        return result
 
 
 class BandedStep:
-    """One banded Cholesky factor a sensor row, made once in float64, applied in the operator's type.
+    """The exact step by a ``RowInverse``, applied in the operator's type.
 
-    With rho = 0 a banded factor cannot leave out eigenvalues, so 1e-6 (float64: 1e-11) of the largest diagonal entry of H H^T
-    is added instead: basis pursuit becomes Eq. 4 with a tau that small, and what it leaves of g - H f is in ``Solution.residual``.
+    With rho = 0 it adds 1e-6 (float64: 1e-11) of the largest diagonal entry: basis pursuit becomes Eq. 4 with a tau that small,
+    and what it leaves of g - H f is in ``Solution.residual``.
     """
 
-    def __init__(self, operator: CodedAperture, frames: np.ndarray, rho: float, mixed: bool) -> None:
-        from recon import banded_kernels, step_kernels
+    def __init__(self, operator: CodedAperture | FieldAperture, frames: np.ndarray, rho: float, notes: tuple[str, ...] = ()) -> None:
+        from recon import step_kernels
 
-        self._relax, self._finish, self._solve = step_kernels.relax_rows, step_kernels.finish_rows, banded_kernels.solve_groups
-        notes: list[str] = []
-        masks, merged = merge_repeats(operator.masks, frames)
-        response = operator.response
-        if mixed:
-            response, merged = whiten(response, operator.mosaic, merged, notes)
-        self.notes = tuple(notes)
-        tile, tile_of = mosaic_tile(response, operator.mosaic, operator.in_shape[0])
-        exact = (masks, response, tile, tile_of, operator.first_column, operator.taps)
-        self._factor = _factor(exact, merged.shape, rho, operator.dtype)
-        arrays = [np.ascontiguousarray(a, operator.dtype) for a in (masks, response, tile, operator.taps)]
-        self._arguments = (*arrays[:3], tile_of, operator.first_column, arrays[3])
-        self._frames = np.ascontiguousarray(merged, operator.dtype)
+        self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
+        self.notes = notes
+        self._operator = operator
+        self._inverse = RowInverse(operator, rho, REGULAR[operator.dtype.name])
+        self._frames = np.ascontiguousarray(frames, operator.dtype)
         self._seen, self._y = np.empty_like(self._frames), np.empty_like(self._frames)
         self._step = np.empty((operator.in_shape[2], *operator.in_shape[:2]), operator.dtype)
         self._sums = np.zeros((operator.in_shape[0], 4))
@@ -40,47 +62,49 @@ class BandedStep:
         """See ``DataStep.advance``."""
         real, rows = z.dtype.type, z.shape[1]
         threads.run(self._relax, rows, z, w, x, real(relax), self._sums)
-        threads.run(aperture_kernels.forward_rows, rows, z, *self._arguments, self._seen)
-        threads.run(self._solve, self._factor.shape[0], self._factor, self._frames, self._seen, self._y)
-        threads.run(aperture_kernels.adjoint_rows, rows, self._y, *self._arguments, self._step)
+        self._operator.forward(z.transpose(1, 2, 0), self._seen)
+        self._inverse(self._frames, self._seen, self._y)
+        self._operator.adjoint(self._y, self._step.transpose(1, 2, 0))
         threads.run(self._finish, rows, z, self._step, x, w, real(ratio), self._sums)
         return Sums(*(float(v) for v in self._sums.sum(0)))
 
 
-def _factor(exact: tuple[np.ndarray, ...], shape: tuple[int, ...], rho: float, dtype: np.dtype) -> np.ndarray:
+def row_strength(operator: FieldAperture) -> float:
+    """Return the largest diagonal entry of H H^T of the nearest camera whose rows don't couple."""
+    return _largest(operator.rows_only())
+
+
+def _largest(operator: CodedAperture | FieldAperture) -> float:
+    """Return the largest diagonal entry of H H^T."""
+    rows, lanes = operator.out_shape[2], 16
+    every = (operator.gram(0, slice(first, first + lanes)) for first in range(0, rows, lanes))
+    return max(float(np.einsum("mssj->msj", gram).max()) for gram in every)
+
+
+def _factor(operator: CodedAperture | FieldAperture, rho: float) -> np.ndarray:
     from recon import banded_kernels
 
-    shots, channels, rows, width = shape
-    size, lanes = shots * channels, banded_kernels.LANES
-    half = size * exact[5].shape[1] - 1
+    rows, width = operator.out_shape[2:]
+    size, lanes, reach = operator.measurements, banded_kernels.LANES, operator.reach
+    half = size * reach - 1
     groups = -(-rows // lanes)
-    factor = np.empty((groups, width * size, half + 1, lanes), dtype)
-    if rho == 0:
-        every = (_gram(exact, slice(g * lanes, (g + 1) * lanes), 0, size, width) for g in range(groups))
-        rho = REGULAR[dtype.name] * max(float(np.einsum("mssj->msj", gram).max()) for gram in every)
+    factor = np.empty((groups, width * size, half + 1, lanes), operator.dtype)
     for group in range(groups):
-        band = _band(exact, slice(group * lanes, (group + 1) * lanes), size, width, half, lanes)
+        band = _band(operator, slice(group * lanes, (group + 1) * lanes), half, lanes)
         band[:, :, 0] += rho
         banded_kernels.factor_groups(0, 1, band, half, factor[group : group + 1])
     return factor
 
 
-def _band(exact: tuple[np.ndarray, ...], rows: slice, size: int, width: int, half: int, lanes: int) -> np.ndarray:
+def _band(operator: CodedAperture | FieldAperture, rows: slice, half: int, lanes: int) -> np.ndarray:
     """Return the band matrices of a group of rows: ``[0, i, d, lane] = A[i, i - d]`` with ``i = j S + s``."""
+    size, width = operator.measurements, operator.width
     band = np.zeros((1, width * size, half + 1, lanes))
-    for offset in range(exact[5].shape[1]):
-        gram = _gram(exact, rows, offset, size, width)
+    for offset in range(operator.reach):
+        gram = operator.gram(offset, rows)
         for p in range(size):
             for q in range(size):
                 d = offset * size + q - p
                 if d >= 0:
                     band[0, offset * size + q :: size, d, : gram.shape[0]] = gram[:, p, q, : width - offset].T
     return band
-
-
-def _gram(exact: tuple[np.ndarray, ...], rows: slice, offset: int, size: int, width: int) -> np.ndarray:
-    masks, response, tile, tile_of, start, taps = exact
-    some = np.ascontiguousarray(masks[:, rows])
-    gram = np.empty((some.shape[1], size, size, width))
-    threads.run(aperture_kernels.gram_rows, some.shape[1], offset, some, response, tile, tile_of[rows], start, taps, gram)
-    return gram

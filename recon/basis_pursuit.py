@@ -5,6 +5,7 @@ from pydantic import Field
 from recon.coded_aperture import CodedAperture
 from recon.config import Config
 from recon.data_step import data_step
+from recon.field_aperture import FieldAperture
 from recon.problem import Found, OnIteration, Problem, first_guess
 from recon.solution import Stop
 from recon.splitting import Levels, Limits, State, project, split
@@ -49,6 +50,6 @@ class BasisPursuit(Config):
 
 
 def _explained(problem: Problem, stop: Stop) -> Stop:
-    if isinstance(problem.operator, CodedAperture) and problem.operator.repeated_shots():
+    if isinstance(problem.operator, CodedAperture | FieldAperture) and problem.operator.repeated_shots():
         return Stop(stop.reason + "; repeated masks were merged, the rank of H does not grow with them", stop.converged)
     return stop

@@ -88,6 +88,11 @@ class CodedAperture:
         return self.taps.shape[1] == 1
 
     @property
+    def reach(self) -> int:
+        """Count the sensor columns over which a voxel spreads: H H^T couples columns up to reach - 1 apart."""
+        return self.taps.shape[1]
+
+    @property
     def measurements(self) -> int:
         """Count the numbers S that one sensor pixel yields: shots times channels."""
         return self.out_shape[0] * self.out_shape[1]

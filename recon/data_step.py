@@ -3,18 +3,21 @@
 rho = 0 projects on the cubes that explain the frames; rho > 0 is the proximal step of ``||g - H f||^2 / rho``.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from recon import aperture_kernels, threads
 from recon.coded_aperture import CodedAperture, mosaic_tile
+from recon.field_aperture import FieldAperture
 from recon.operator import LinearOperator, norm_squared
 
 CUTOFF = 1e-6  # eigenvalues of a block below this part of its largest count as 0 when rho = 0
 EXACT = 1e-12  # below this part of the largest an eigenvalue is a zero with rounding
 FAINT = 1e-12  # and below this part of the largest of all blocks
+COUPLED = 1e-3  # of H H^T's largest diagonal entry: what stands for rho = 0 where rows couple and only iterations solve
 ROWS_AT_ONCE = 16
 
 
@@ -50,13 +53,18 @@ def data_step(operator: LinearOperator, frames: np.ndarray, rho: float, *, mixed
         mixed: with rho = 0, make a sensor's channels orthonormal first: the same constraint, better conditioned and blind
             to any mix of the channels; but where frames contradict each other it weights them differently.
     """
-    if isinstance(operator, CodedAperture):
-        if operator.one_tap:
-            return BlockStep(operator, frames, rho, mixed)
-        from recon.banded import BandedStep
+    if isinstance(operator, CodedAperture) and operator.one_tap:
+        return BlockStep(operator, frames, rho, mixed)
+    if not isinstance(operator, CodedAperture | FieldAperture):
+        return ConjugateStep(operator, frames, rho)
+    from recon.banded import BandedStep, RowInverse, row_strength
 
-        return BandedStep(operator, frames, rho, mixed)
-    return ConjugateStep(operator, frames, rho)
+    notes: list[str] = []
+    less, merged = reduced(operator, frames, rho, mixed, notes)
+    if isinstance(less, FieldAperture) and less.rows_couple:
+        rho = rho if rho > 0 else COUPLED * row_strength(less)
+        return ConjugateStep(less, merged, rho, RowInverse.near(less, rho), tuple(notes), tolerance=1e-4, iterations=60)
+    return BandedStep(less, merged, rho, tuple(notes))
 
 
 class BlockStep:
@@ -90,14 +98,33 @@ class BlockStep:
 
 
 class ConjugateStep:
-    """The step of any operator, by conjugate gradients on ``(H H^T + rho I) y = g - H z``, each started from the last y."""
+    """The step of any operator, by conjugate gradients on ``(H H^T + rho I) y = g - H z``, each started from the last y.
 
-    def __init__(self, operator: LinearOperator, frames: np.ndarray, rho: float, tolerance: float = 1e-6, iterations: int = 200) -> None:
+    Args:
+        operator: H.
+        frames: g.
+        rho: at least 0.
+        near: an approximate inverse of ``H H^T + rho I`` that speeds it up (theory.md (S.43)); None: none.
+        notes: passed on.
+        tolerance: of the residual, relative to the right side.
+        iterations: at most, a step.
+    """
+
+    def __init__(
+        self,
+        operator: LinearOperator,
+        frames: np.ndarray,
+        rho: float,
+        near: Callable[[np.ndarray], np.ndarray] | None = None,
+        notes: tuple[str, ...] = (),
+        tolerance: float = 1e-6,
+        iterations: int = 200,
+    ) -> None:
         from recon import step_kernels
 
         self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
-        self.notes: tuple[str, ...] = ()
-        self._operator, self._rho = operator, rho
+        self.notes = notes
+        self._operator, self._rho, self._near = operator, rho, near
         self._tolerance, self._iterations = tolerance, iterations
         self._frames = frames.astype(operator.dtype)
         self._y = np.zeros(operator.out_shape, operator.dtype)
@@ -121,19 +148,47 @@ class ConjugateStep:
         y = self._y
         left = right - self._normal(y)
         target = self._tolerance**2 * max(float(np.vdot(right, right)), np.finfo(y.dtype).tiny)
-        direction, size = left.copy(), float(np.vdot(left, left))
+        turned = left if self._near is None else self._near(left)
+        direction, size = turned.copy(), float(np.vdot(left, turned))
         for _ in range(self._iterations):
-            if size <= target:
+            if float(np.vdot(left, left)) <= target:
                 break
             image = self._normal(direction)
             curvature = float(np.vdot(direction, image))
-            if curvature <= 0:
+            if curvature <= 0 or size <= 0:
                 break
             step = y.dtype.type(size / curvature)
             y += step * direction
             left -= step * image
-            size, before = float(np.vdot(left, left)), size
-            direction = left + y.dtype.type(size / before) * direction
+            turned = left if self._near is None else self._near(left)
+            size, before = float(np.vdot(left, turned)), size
+            direction = turned + y.dtype.type(size / before) * direction
+
+
+def reduced(
+    operator: CodedAperture | FieldAperture, frames: np.ndarray, rho: float, mixed: bool, notes: list[str]
+) -> tuple[CodedAperture | FieldAperture, np.ndarray]:
+    """Return an operator and frames of the same data step with fewer rows and, when ``mixed``, with better conditioned ones.
+
+    Shots that repeat a mask are merged. With ``mixed`` and rho = 0, where rows may be scaled and mixed freely, the pixels' gains
+    are divided out (pixels with gain 0 stay out) and the channels made orthonormal.
+    """
+    changes: dict[str, Any] = {"gray": True} if isinstance(operator, CodedAperture) else {}
+    masks, merged = merge_repeats(operator.masks, frames)
+    most = masks.max()
+    response = operator.response * most
+    free = mixed and rho == 0
+    if isinstance(operator, FieldAperture) and free:
+        gain, plain = operator.readout.gain, not operator.readout.couples
+        if gain is not None:
+            merged = np.divide(merged, gain, out=np.zeros_like(merged), where=np.broadcast_to(gain > 0, merged.shape))
+            left = (gain > 0).astype(np.float64)
+            changes["readout"] = replace(operator.readout, gain=None if left.all() else left)
+            free = bool(left.all()) or gain.ndim < 3 or gain.shape[0] == 1
+        free = free and (plain or operator.readout.bins is None)
+    if free:
+        response, merged = whiten(response, operator.mosaic, merged, notes)
+    return operator.replace(masks=masks / most, response=response, **changes), merged
 
 
 def merge_repeats(masks: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

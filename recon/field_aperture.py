@@ -71,6 +71,11 @@ class FieldAperture:
         return not self.spread.in_row or self.readout.couples
 
     @property
+    def reach(self) -> int:
+        """Count the sensor columns over which a voxel spreads: H H^T couples columns up to reach - 1 apart."""
+        return int(self.spread.taps.shape[4])
+
+    @property
     def measurements(self) -> int:
         """Count the numbers S that one sensor pixel yields: shots times channels."""
         return self.out_shape[0] * self.out_shape[1]
@@ -177,16 +182,28 @@ class FieldAperture:
         """Count the shots whose mask is a copy of an earlier shot's: they add light, but no rank."""
         return self.masks.shape[0] - len({shot.tobytes() for shot in self.masks})
 
-    def rows_only(self) -> CodedAperture:
-        """Return the nearest camera whose rows don't couple and whose weights are those of the field's middle.
+    def rows_only(self, share: float = 1.0) -> CodedAperture:
+        """Return the nearest camera whose rows don't couple, with the weights of the field's middle.
 
         Its H H^T is close to this one's and banded: conjugate gradients take it as the preconditioner (theory.md (S.43)).
+
+        Args:
+            share: of every band's light that the neighbouring columns kept must hold, in (0, 1].
         """
-        taps = self.spread.taps
+        taps, column0 = self.spread.taps, self.spread.first_column
         middle = taps[:, taps.shape[1] // 2, taps.shape[2] // 2].sum(1, dtype=np.float64)
-        column0 = self.spread.first_column
         first = column0[:, column0.shape[1] // 2, column0.shape[2] // 2]
-        return CodedAperture(self.masks, self.response, first, middle, mosaic=self.mosaic, width=self.width, dtype=self.dtype, gray=True)
+        light = np.abs(middle).cumsum(1)
+        total = light[:, -1:]
+        for count in range(1, middle.shape[1] + 1):
+            held = light[:, count - 1 :] - np.pad(light, ((0, 0), (1, 0)))[:, : middle.shape[1] - count + 1]
+            if (held.max(1) >= share * total[:, 0] * (1 - 1e-12)).all():
+                break
+        start = held.argmax(1)
+        kept = np.take_along_axis(middle, start[:, None] + np.arange(count), axis=1)
+        return CodedAperture(
+            self.masks, self.response, first + start, kept, mosaic=self.mosaic, width=self.width, dtype=self.dtype, gray=True
+        )
 
     def _kernel_arguments(self) -> tuple[np.ndarray, ...]:
         spread, real = self.spread, self.dtype

@@ -15,6 +15,7 @@ import numpy as np
 from recon.basis import Basis
 from recon.coded_aperture import CodedAperture, empty_cube
 from recon.errors import InputError
+from recon.field_aperture import FieldAperture
 from recon.operator import LinearOperator
 from recon.solution import Stop
 
@@ -101,7 +102,7 @@ def prepare(operator: LinearOperator, frames: np.ndarray, basis: Basis, start: n
     light = float(np.abs(values).max())
     if light == 0:
         return None
-    inner, strength = operator.normalised() if isinstance(operator, CodedAperture) else (operator, 1.0)
+    inner, strength = operator.normalised() if isinstance(operator, CodedAperture | FieldAperture) else (operator, 1.0)
     unit = light / strength
     if not (math.isfinite(unit) and unit > 0):
         raise InputError("frames", light, f"such that frames / response is a finite number; the operator's largest weight is {strength:g}")

@@ -9,6 +9,7 @@ import numpy as np
 from recon import threads as pool
 from recon.basis import Basis, Kronecker
 from recon.coded_aperture import CodedAperture, empty_cube
+from recon.field_aperture import FieldAperture
 from recon.operator import LinearOperator
 from recon.problem import Found, OnIteration, Problem, Solver, prepare
 from recon.solution import Solution, Stop
@@ -111,7 +112,7 @@ def _scaled(cube: np.ndarray, unit: float) -> np.ndarray:
 
 
 def _notes(operator: LinearOperator) -> tuple[str, ...]:
-    if not isinstance(operator, CodedAperture):
+    if not isinstance(operator, CodedAperture | FieldAperture):
         return ()
     shots, repeated = operator.out_shape[0], operator.repeated_shots()
     notes = []
