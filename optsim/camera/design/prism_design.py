@@ -204,13 +204,13 @@ class _Residuals:
         if k is None:
             return self._stepped(values)
         dr, t, faces, count = k.dr, k.backend, len(values.face_tilt_rad), self.wavelength.size
-        tilts = tuple(t.Float64(np.full(faces * count, angle)) for angle in values.face_tilt_rad)
-        for i, tilt in enumerate(tilts):  # lanes i n .. (i + 1) n carry the derivative by tilt i
+        leaves = [t.Float64(np.full(faces * count, angle)) for angle in values.face_tilt_rad]
+        for i, tilt in enumerate(leaves):  # lanes i n .. (i + 1) n carry the derivative by tilt i
             dr.enable_grad(tilt)
             dr.set_grad(tilt, t.Float64(np.repeat(np.eye(faces)[i], count)))
         excess = [t.Float64(np.tile(known, faces)) for known in self.excess]  # not formulas: one kernel serves all glasses
         f1 = k.opaque(t.Float64, values.collimator_mm)
-        sides = [(dr.sin(tilt), dr.cos(tilt)) for tilt in tilts]
+        sides = [(dr.sin(tilt), dr.cos(tilt)) for tilt in leaves]
         traced = trace_faces(k.ops, t.Float64(0), f1, f1 * f1, sides, (*excess, 0.0))
         x, _ = image_point(k.ops, traced, t.Float64(0), k.opaque(t.Float64, self.reach))
         slopes = dr.forward_to(x)
