@@ -10,6 +10,7 @@ from typing import Any
 
 from optsim.render.bundle import AllNodes
 from optsim.render.engine import dr, mi
+from optsim.render.lights import LightSampler
 from optsim.render.materials import DIFFUSE, MaterialTable
 from optsim.render.sampling import FirstNumbers
 from optsim.render.sky import SkyShape
@@ -44,7 +45,7 @@ class DiffuseTable:
 
     def __init__(self, scene: Any, table: MaterialTable, max_depth: int, search: LightSearch, sky: SkyShape) -> None:
         self.scene, self.table, self.search, self.sky = scene, table, search, sky
-        self.bundle = AllNodes(table)
+        self.bundle, self.lights = AllNodes(table), LightSampler(scene)
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
 
     @dr.syntax
@@ -77,7 +78,7 @@ class DiffuseTable:
             row = table.row(si, lit)
             more = lit & (table.kind(row, lit) == DIFFUSE) & ((depth + 1) < self.max_depth)
             u, v, s, t = numbers.take(stream, depth == 0)
-            direct = self._direct(si, mi.Point2f(u, v), more)
+            direct = self._direct(si, u, v, more)
             for g in range(groups):
                 light[g] = dr.fma(weight[g], glow, light[g])
                 weight[g] *= table.at(row, g, more)
@@ -105,19 +106,21 @@ class DiffuseTable:
         if not self.search.sample:
             return own
         sample = mi.DirectionSample3f(self.scene, si, before)
-        by_light = self.scene.pdf_emitter_direction(before, sample, active & (depth > 0))
+        by_light = self.lights.density(before, sample, active & (depth > 0))
         return own * dr.select(depth == 0, 1, power_share(density, by_light))
 
-    def _direct(self, si: Any, point: Any, active: Any) -> Any:
-        """Return light from one sampled light, times cosine / pi; the reflectance is not in it."""
+    def _direct(self, si: Any, u: Any, v: Any, active: Any) -> Any:
+        """Return light from the sampled lights, times cosine / pi; the reflectance is not in it."""
+        total = mi.Float(0)
         if not self.search.sample:
-            return mi.Float(0)
-        sample, emission = self.scene.sample_emitter_direction(si, point, True, active)
-        cosine = dr.dot(si.n, sample.d)
-        ok = active & (sample.pdf != 0) & (cosine > 0)
-        density = cosine * dr.inv_pi
-        share = dr.select(sample.delta, 1, power_share(sample.pdf, density)) if self.search.hit else 1
-        return dr.select(ok, density * emission[0] * share * self.sky.sampled(sample), 0)
+            return total
+        for sample, emission in self.lights.samples(si, u, v, active):
+            cosine = dr.dot(si.n, sample.d)
+            ok = active & (sample.pdf != 0) & (cosine > 0)
+            density = cosine * dr.inv_pi
+            share = dr.select(sample.delta, 1, power_share(sample.pdf, density)) if self.search.hit else 1
+            total += dr.select(ok, density * emission[0] * share * self.sky.sampled(sample), 0)
+        return total
 
     def _useful(self, depth: Any) -> Any:
         """Tell whether a ray that has been reflected ``depth`` times can still bring light home."""

@@ -12,6 +12,7 @@ from typing import Any
 from optsim.render.bundle import Bundle
 from optsim.render.diffuse_table import ROULETTE_FROM, power_share
 from optsim.render.engine import dr, mi
+from optsim.render.lights import LightSampler
 from optsim.render.materials import DIFFUSE, GLASS, OTHER, MaterialTable
 from optsim.render.sampling import FirstNumbers
 from optsim.render.sky import SkyShape
@@ -30,6 +31,7 @@ class SharedPath:
 
     def __init__(self, scene: Any, table: MaterialTable, bundle: Bundle, max_depth: int, sky: SkyShape) -> None:
         self.scene, self.table, self.bundle, self.sky = scene, table, bundle, sky
+        self.lights = LightSampler(scene, each=not table.has_other)  # a metal or plastic would have to answer for each
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
 
     @dr.syntax
@@ -55,19 +57,14 @@ class SharedPath:
             u, v, s, t = numbers.take(stream, fresh)
             fresh &= ~smooth
             pick = stream.next_float32()
-            sample, emission = scene.sample_emitter_direction(si, mi.Point2f(u, v), True, smooth)
-            smooth &= sample.pdf != 0
-            toward = si.to_local(sample.d)
-            found = self._scatter(si, ray, lane, toward, pick, mi.Point2f(s, t), other)
+            aimed = list(self.lights.samples(si, u, v, smooth))
+            found = self._scatter(si, ray, lane, si.to_local(aimed[0][0].d), pick, mi.Point2f(s, t), other)
             bent, passed, step = self._refract(si, table.index(row, lane, glass), pick)
-            lambert = dr.maximum(toward.z, 0) * dr.inv_pi
-            by_scatter = dr.select(diffuse, lambert, found[0][1])
-            lit = emission[0] * self.sky.sampled(sample)
-            direct = dr.select(smooth, lit * dr.select(sample.delta, 1, power_share(sample.pdf, by_scatter)), 0)
+            on_diffuse, on_other = self._lambert(si, aimed, diffuse), self._weighed(aimed[0], found[0][1], other & smooth)
             for g in range(bundle.groups):
                 reflected = bundle.reflectance(row, g, lane, diffuse)
                 value, _, _, weighed = found[min(g, len(found) - 1)]
-                light[g] = dr.fma(weight[g], glow + dr.select(diffuse, reflected * lambert, value) * direct, light[g])
+                light[g] = dr.fma(weight[g], glow + dr.select(diffuse, reflected * on_diffuse, value * on_other), light[g])
                 weight[g] *= dr.select(diffuse, reflected, dr.select(glass, passed, weighed))
             bounce = mi.warp.square_to_cosine_hemisphere(mi.Point2f(s, t))
             chosen = found[0][2]
@@ -89,8 +86,22 @@ class SharedPath:
         """Return the light that the surface hit sends out itself, weighted against light sampling after a smooth surface."""
         own = si.emitter(self.scene).eval(si, active)[0]
         sample = mi.DirectionSample3f(self.scene, si, before)
-        by_light = self.scene.pdf_emitter_direction(before, sample, active & ~sharp)
+        by_light = self.lights.density(before, sample, active & ~sharp)
         return own * dr.select(sharp, 1, power_share(density, by_light))
+
+    def _lambert(self, si: Any, aimed: list[Any], active: Any) -> Any:
+        """Return the light of all aimed rays on a diffuse surface, times cosine / pi."""
+        total = mi.Float(0)
+        for sample, emission in aimed:
+            lambert = dr.maximum(dr.dot(si.sh_frame.n, sample.d), 0) * dr.inv_pi
+            total += lambert * self._weighed((sample, emission), lambert, active)
+        return total
+
+    def _weighed(self, aimed: tuple[Any, Any], by_scatter: Any, active: Any) -> Any:
+        """Return the light of an aimed ray, weighted against a scattered ray that meets it by chance."""
+        sample, emission = aimed
+        lit = emission[0] * self.sky.sampled(sample) * dr.select(sample.delta, 1, power_share(sample.pdf, by_scatter))
+        return dr.select(active & (sample.pdf != 0), lit, 0)
 
     def _smooth(self, si: Any, ray: Any, other: Any) -> Any:
         """Tell whether the surface scatters light into more than single directions."""
