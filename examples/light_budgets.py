@@ -7,7 +7,7 @@ Photographs the colour checker with the traced prism, shot noise, read noise of 
 and draws light_budgets.png. "Light" is the charge of the brightest pixel of one monochrome shot of a colour shot's exposure.
 The efficiencies are assumed (mono and Bayer 0.5 at their peaks, the Foveon's layers together 0.6); the last table sweeps
 those of the colour sensors by 30 per cent.
-Set OPTSIM_QUICK=1 for 24 x 24 mirrors and two levels.
+Set OPTSIM_QUICK=1 for 16 x 16 mirrors and two levels.
 """
 
 import os
@@ -29,7 +29,7 @@ from scenes import scene_by_name
 from scenes.library import illuminant
 
 quick = bool(os.environ.get("OPTSIM_QUICK"))
-size, levels = (24, (500, 50_000)) if quick else (32, (50, 500, 5000, 50_000))
+size, levels = (16, (500, 50_000)) if quick else (32, (50, 500, 5000, 50_000))
 ideal = CameraConfig().ideal()
 camera = ideal.model_copy(update={"sensor": ideal.sensor.model_copy(update={"full_well_e": 200_000.0})})
 bands, noise = Bands.paper(), Noise(read_noise_e=10.0, bits=16)
@@ -37,7 +37,7 @@ fine_bands = bands.subdivide(10, cover=(camera.bandpass.lower_nm, camera.bandpas
 fine = render(scene_by_name("color-checker").build(), fine_bands, (size, size), RenderSettings(oversample=2, error=0.03))
 truth = band_mean(block_mean(fine, 2), bands)["radiance"].values
 sensors = dict(zip(("mono", "bayer", "foveon"), AssumedEfficiencies().sensors()))
-fractions = 10 ** np.arange(-0.5, -4.01, -0.25)
+fractions = 10 ** np.arange(-0.5, -4.01, -1.0 if quick else -0.25)
 
 
 @cache
