@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from recon.operator import LinearOperator
 
 TAU_FRACTIONS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)
+GPSR_ITERATIONS = 200
 JUDGE_VERSION = 1
 """Raise when a change here changes scores: old entries are then computed anew."""
 
@@ -40,20 +41,27 @@ class Judged:
 
 
 def judge(
-    operator: LinearOperator, signal: np.ndarray, truth: np.ndarray, on_iteration: Callable[..., None] | None = None
-) -> Judged:  # fmt: skip
-    """Invert by ADMM on Eq. 4, its tau found from held-out detector pixels, with one kernel thread.
+    operator: LinearOperator,
+    signal: np.ndarray,
+    truth: np.ndarray,
+    on_iteration: Callable[..., None] | None = None,
+    *,
+    by_gradients: bool = False,
+) -> Judged:
+    """Invert Eq. 4 with one kernel thread, its tau found from held-out detector pixels.
 
     Args:
         operator: H as believed.
         signal: (L, C, M, W) frames without their dark level.
         truth: (M, N, K), only for the score.
         on_iteration: called often; what it raises ends the work.
+        by_gradients: solve by GPSR rather than ADMM, whose data step is slow where H couples rows.
     """
-    from recon import Admm, reconstruct
+    from recon import Admm, Gpsr, reconstruct
     from recon.metrics import psnr
     from recon.tuning import AutoTau, TauPath
 
     choice, _ = AutoTau(path=TauPath(fractions=TAU_FRACTIONS)).try_all(operator, signal, threads=1, on_iteration=on_iteration)
-    solution = reconstruct(operator, signal, solver=Admm(tau=choice.tau), start=choice.start, threads=1, on_iteration=on_iteration)
+    solver = Gpsr(tau=choice.tau, max_iterations=GPSR_ITERATIONS, tolerance=1e-4) if by_gradients else Admm(tau=choice.tau)
+    solution = reconstruct(operator, signal, solver=solver, start=choice.start, threads=1, on_iteration=on_iteration)
     return Judged(float(psnr(solution.cube, truth)), choice.fraction, choice.at_edge, float(solution.residual), solution.stop.converged)
