@@ -102,7 +102,15 @@ def foveon_of(exposures: tuple[xr.Dataset, xr.Dataset, xr.Dataset]) -> xr.Datase
 
 
 def bayer_of(exposures: tuple[xr.Dataset, xr.Dataset, xr.Dataset], phase: BayerPhase = BayerPhase.RGGB) -> xr.Dataset:
-    """Return the frames of a mosaic: of each exposure behind a plate only the pixels of its colour."""
+    """Return the frames of a mosaic: of each exposure behind a plate only the pixels of its colour.
+
+    Raises:
+        InputError: field ``camera.sensor.crosstalk`` when the files' H knows of crosstalk: a mosaic's neighbours would pass
+            each other's colours on, those of one exposure their own.
+    """
+    crosstalk = float(exposures[0].attrs.get("crosstalk", 0.0))
+    if crosstalk > 0:
+        raise InputError("camera.sensor.crosstalk", crosstalk, "0 in the H of exposures from which a mosaic is put together")
     return _joined(exposures, phase)
 
 

@@ -9,6 +9,7 @@ from optsim.camera import (
     BayerPhase,
     CameraConfig,
     Distinct,
+    Exact,
     Exposure,
     Foveon,
     Mono,
@@ -25,6 +26,7 @@ from optsim.cube import Bands, make_cube
 from optsim.errors import InputError
 from scenes.spectrum import Spectrum
 
+pytestmark = pytest.mark.filterwarnings("ignore:the cube's wavelengths lie up to")
 BANDS = Bands.from_edges([470, 500, 540, 590, 640])
 CAMERA = CameraConfig().ideal()
 FINE = BANDS.subdivide(10, cover=(450, 670))
@@ -66,6 +68,31 @@ def test_keeping_each_colours_pixels_makes_a_bayer_sensor(exposures, phase):
     np.testing.assert_allclose(emulated["frames"].values, real["frames"].values, rtol=1e-12)
     np.testing.assert_array_equal(emulated["cfa"].values, real["cfa"].values)
     assert emulated.attrs["sensor"] == "bayer"
+
+
+REAL = CameraConfig(sensor={"prnu": 0.02, "pattern_seed": 3})
+KNOWING = Exposure(time_s=0.02, shifts=Exact())
+
+
+@pytest.fixture(scope="module")
+def real_exposures():
+    return plate_exposures(scene(), BANDS, REAL, MASKS, KNOWING, SENSORS)
+
+
+@pytest.mark.parametrize(("join", "kind"), [(foveon_of, Foveon), (bayer_of, Bayer)])
+def test_the_joined_file_of_a_real_camera_holds_the_H_that_the_real_colour_sensor_would_have(real_exposures, join, kind):
+    joined, real = join(real_exposures), photograph(scene(), BANDS, REAL, colour_sensor(kind), MASKS, KNOWING)
+    np.testing.assert_allclose(joined["frames"].values, real["frames"].values, rtol=1e-9, atol=1e-6)
+    cube = np.random.default_rng(0).uniform(0, 1, (*SIZE, BANDS.count))
+    ours, theirs = (band_model_of(f).operator().forward(cube) for f in (joined, real))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-12)
+
+
+def test_a_mosaic_of_exposures_whose_H_knows_crosstalk_is_refused(exposures):
+    three = tuple(frames.assign_attrs(crosstalk=0.02) for frames in exposures)
+    assert foveon_of(three).attrs["crosstalk"] == 0.02
+    with pytest.raises(InputError, match="crosstalk"):
+        bayer_of(three)
 
 
 @pytest.mark.parametrize("join", [foveon_of, bayer_of])
