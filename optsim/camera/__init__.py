@@ -24,7 +24,8 @@ from optsim.camera.optics import Optics
 from optsim.camera.patterns import Bernoulli, BlueNoise, Complementary, FromFile, Stratified
 from optsim.camera.physical import Exposure, photograph
 from optsim.camera.prism import Dispersion, DoubleAmici
-from optsim.camera.prism_report import plot_prism, prism_report
+from optsim.camera.prism_figures import plot_prism
+from optsim.camera.prism_report import prism_report
 from optsim.camera.quattro import Quattro, every_sensor
 from optsim.camera.relay import Relay
 from optsim.camera.sensor import Bayer, BayerPhase, Foveon, Mono, Sensor, sensors

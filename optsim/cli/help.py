@@ -58,12 +58,17 @@ estimate, in mirrors or in bands, is averaged first.
 
 Example: `optsim score estimate.nc cube.nc --json`
 """,
-    "prism": """Dispersion of the default camera's double Amici prism.
+    "prism": """Study of a camera's prism, by default of the double Amici.
 
-Where light lands on the sensor, nm per pixel, band centres and edges. Position 0 is the centre of the 455 nm pixel, red
-positive; the bands are the prism's own steps of one pixel; the residual is the model's centre minus the paper's table.
+Where light lands on the sensor, nm per pixel, band centres and edges, distance from the paper's table; smile over the field;
+what each number of the drawing does to the curve, which numbers spots cannot tell apart, and what tolerances leave. Position 0
+is the centre of the 455 nm pixel; the bands are the prism's own steps of one pixel.
 
 Example: `optsim prism --plot prism.png`
+
+Example: `optsim prism --camera camera.toml --at 450,520,650 --json`: chief rays, position_mm from the optical axis
+
+Example: `optsim prism --cost nonlinearity`: also the dB that wrong beliefs about the dispersion and the mask's place cost
 """,
     "calibrate": """Fit a camera's file to spots of known wavelength.
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optsim.camera import CameraConfig, CenterTable, DoubleAmici, glass, plot_prism, prism_report
-from optsim.camera.prism_report import wavelength_at
+from optsim.camera.prism_report import chief_rays
 from optsim.errors import InputError
 
 RESIDUAL_NM = [  # model - table of N-FK5/F5 at f = 100 mm, from a separate optimisation in another program
@@ -56,16 +56,71 @@ def test_P15_one_wavelength_is_valid_and_equal_wavelengths_are_refused():
             prism_report(wavelength_nm=bad)
 
 
-def test_P13_a_folded_dispersion_has_no_band_edges():
+def test_P13_a_folded_dispersion_says_so_and_has_no_bands():
     flat = DoubleAmici(outer=glass("N-BK7"), inner=glass("N-BK7"), apex_outer_rad=0.0, apex_inner_rad=0.0)
-    with pytest.raises(InputError, match="increasing"):
-        prism_report(flat)
+    report = prism_report(flat)
+    assert report["folds"]
+    assert (report["band_center_nm"], report["band_edge_nm"], report["residual_to_paper_nm"]) == ([], [], [])
+    assert set(report["nm_per_px"]) == {None}
+    json.dumps(report, allow_nan=False)
 
 
-def test_a_prism_too_weak_to_reach_pixel_23_says_how_far_it_reaches():
-    weak = CameraConfig.parse_toml("[prism]\napex_inner_deg = 3.0").dispersion
-    with pytest.raises(InputError, match="reaches px"):
-        wavelength_at(weak, 23.5)
+def test_a_weak_prism_has_as_many_bands_as_pixels_that_the_band_pass_fills():
+    report = prism_report(CameraConfig.parse_toml("[prism]\napex_inner_deg = 3.0").dispersion)
+    assert not report["folds"]
+    assert 3 <= len(report["band_center_nm"]) < 10
+    assert len(report["band_edge_nm"]) == len(report["band_center_nm"]) + 1
+    assert report["band_edge_nm"][0] > 449
+    assert report["band_edge_nm"][-1] < 671.5
+    assert report["residual_to_paper_nm"] == []
+
+
+def test_a_prism_that_lays_red_to_the_left_has_bands_from_blue_to_red():
+    report = prism_report(CameraConfig.parse_toml("[prism]\napex_inner_deg = -13.1019").dispersion)
+    assert np.all(np.diff(report["band_px"]) == -1)
+    assert np.all(np.diff(report["band_center_nm"]) > 0)
+    assert np.all(np.diff(report["band_edge_nm"]) > 0)
+
+
+ANCHOR = "\ndesign_nm = 650.0\ndesign_position_px = 0.0"
+USERS = """
+[prism]
+glasses = ["N-SK2", "N-SF10", "N-SK2"]
+face_tilt_deg = [5.1, -24.138, 23.722, -5.516]
+[relay]
+collimator_mm = 50.0
+focal_mm = 50.0
+[sensor]
+pitch_um = 9.9
+"""
+
+
+def test_chief_rays_are_snells_law_face_by_face():
+    camera = CameraConfig.parse_toml(USERS)
+    rays = chief_rays(camera.dispersion, [450, 520, 650], camera.sensor.pitch_um)
+    for k, nm in enumerate((450.0, 520.0, 650.0)):
+        direction, before = 0.0, 1.0
+        for tilt, name in zip((5.1, -24.138, 23.722, -5.516), ("N-SK2", "N-SF10", "N-SK2", None)):
+            after = 1.0 if name is None else float(glass(name).index(nm))
+            normal = np.radians(tilt)
+            direction = normal + np.arcsin(np.sin(direction - normal) * before / after)
+            before = after
+        assert rays["position_mm"][k] == pytest.approx(50 * np.tan(direction), abs=1e-12)
+        assert rays["position_px"][k] == rays["position_mm"][k] / 0.0099
+    assert rays["transmitted"] == [True] * 3
+    assert set(rays) == {"wavelength_nm", "position_mm", "position_px", "transmitted"}
+
+
+def test_P5_chief_rays_that_are_lost_have_no_position():
+    camera = CameraConfig.parse_toml(
+        '[prism]\nglasses = ["N-SF10"]\nface_tilt_deg = [0.0, 34.9]\ndesign_nm = 650.0\ndesign_position_px = 0.0'
+    )
+    rays = chief_rays(camera.dispersion, [400.0, 650.0], camera.sensor.pitch_um)
+    assert rays["transmitted"] == [False, True]
+    assert rays["position_mm"][0] is None
+    assert rays["position_px"][0] is None
+    with pytest.raises(InputError, match="no optical axis"):
+        chief_rays(CenterTable(), [500.0], 9.9)
 
 
 def test_the_figure_has_units_on_its_axes(tmp_path):

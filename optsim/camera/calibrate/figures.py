@@ -8,8 +8,7 @@ import numpy as np
 
 from optsim.camera.calibrate.calibrated_map import CalibratedMap
 from optsim.camera.calibrate.result import Calibration
-
-NAMES_SHOWN = 3
+from optsim.camera.prism_figures import draw_combinations
 
 
 def plot_calibration(found: Calibration, path: str | PathLike[str], truth: CalibratedMap | None = None) -> None:
@@ -42,25 +41,6 @@ def plot_calibration(found: Calibration, path: str | PathLike[str], truth: Calib
     scatter = misfit.scatter(x, y, c=found.spots.wavelength_nm, cmap="turbo", s=9)
     figure.colorbar(scatter, ax=misfit, label="wavelength (nm)")
     misfit.set(xlabel="x: fitted - measured (px)", ylabel="y (px)", title=f"Misfit, rms {found.rms_px:.3g} px", aspect="equal")
-    _combinations(parts, found)
+    draw_combinations(parts, found.split.describe())
+    parts.set_title("Told apart (blue)")
     figure.savefig(path, dpi=150)
-
-
-def _combinations(axes: object, found: Calibration) -> None:
-    from matplotlib.axes import Axes
-
-    assert isinstance(axes, Axes)
-    rows = found.split.describe()
-    known = [row["std_in_tolerances"] for row in rows]
-    length = [1e12 if value is None else float(str(value)) for value in known]
-    color = ["tab:blue" if row["told_apart"] else "0.6" for row in rows]
-    place = np.arange(len(rows))
-    axes.barh(place, np.array(length) - 1e-4, left=1e-4, color=color, height=0.7)
-    axes.axvline(1, color="black", lw=0.8)
-    axes.set(xscale="log", xlim=(1e-4, 1e7), ylim=(len(rows) - 0.5, -0.5), xlabel="standard error (tolerances of the drawing)")
-    names = []
-    for row in rows:
-        assert isinstance(row["parts"], dict)
-        names.append(" ".join(f"{share:+.1f} {name}" for name, share in list(row["parts"].items())[:NAMES_SHOWN]))
-    axes.set_yticks(place, names, fontsize=6)
-    axes.set_title("Combinations: blue, known better than the drawing")
