@@ -1,4 +1,4 @@
-"""The blurred image of one mirror and band on the pixel grid, at any sub-pixel place (theory.md (C.15c))."""
+"""The blurred image of one mirror and band on the pixel grid, at any sub-pixel place (theory.md (S.45))."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where every mirror's light of every band lands: traced at a few nodes of the field, polynomials between (theory.md (C.15b))."""
+"""Where every mirror's light of every band lands: traced at a few nodes of the field, polynomials between (theory.md (S.44))."""
 
 from __future__ import annotations
 

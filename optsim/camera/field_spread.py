@@ -1,4 +1,4 @@
-"""Weights of the band model over the field: boxes where nothing blurs, a table of blurred boxes elsewhere (theory.md (C.15b), (C.15c))."""
+"""Weights of the band model over the field: boxes where nothing blurs, a table of blurred boxes elsewhere (theory.md (S.44), (S.45))."""
 
 from __future__ import annotations
 
