@@ -12,7 +12,7 @@ import numpy as np
 from optsim.camera.void_and_cluster import void_and_cluster
 from optsim.errors import InputError
 
-MAX_FILE_PIXELS = 2**28
+MAX_FILE_PIXELS = 2**26
 
 
 class Pattern(Protocol):
@@ -143,6 +143,11 @@ class FromFile:
         return check_values(np.stack(masks), self.gray)
 
 
+def patterns() -> tuple[Pattern, ...]:
+    """Return the patterns that are drawn, with their defaults."""
+    return (Bernoulli(), Stratified(), Complementary(), BlueNoise())
+
+
 def check_values(values: np.ndarray, gray: bool) -> np.ndarray:
     """Return masks as uint8 if all are 0 or 1, as float64 if ``gray`` allows values between.
 
@@ -163,28 +168,37 @@ def _read(path: Path) -> list[np.ndarray]:
     if path.suffix.lower() not in (".png", ".npy"):
         raise InputError("--masks", str(path), "a .png or .npy file")
     try:
-        values = _read_png(path) if path.suffix.lower() == ".png" else np.load(path, allow_pickle=False)
+        values = _read_png(path) if path.suffix.lower() == ".png" else np.load(path, mmap_mode="r", allow_pickle=False)
     except InputError:
         raise
     except (OSError, ValueError, EOFError, SyntaxError) as error:
         raise InputError("--masks", str(path), f"a readable {path.suffix[1:].upper()} file ({error.__class__.__name__})") from None
     if values.ndim not in (2, 3) or 0 in values.shape or values.dtype.kind not in "buif":
         raise InputError("--masks", f"{path}: {values.dtype} {values.shape}", "numbers of shape (rows, columns) or (shots, rows, columns)")
-    return list(np.asarray(values, np.float64).reshape(-1, *values.shape[-2:]))
+    _check_count(values.size)
+    return list(np.array(values, np.float64).reshape(-1, *values.shape[-2:]))
 
 
 def _read_png(path: Path) -> np.ndarray:
     from PIL import Image
 
-    with Image.open(path, formats=["PNG"]) as image:
-        if image.width * image.height > MAX_FILE_PIXELS:
-            raise InputError("--masks", f"{image.height} x {image.width}", f"at most {MAX_FILE_PIXELS} mirrors")
+    try:
+        opened = Image.open(path, formats=["PNG"])
+    except Image.DecompressionBombError:
+        raise InputError("--masks", str(path), f"at most {MAX_FILE_PIXELS} values in a file") from None
+    with opened as image:
+        _check_count(image.width * image.height)
         if image.mode.startswith("I"):  # 16 bits of gray
             return np.asarray(image, np.float64) / 65535
         colours = np.asarray(image.convert("RGB"), np.float64) / 255
     if np.any(colours != colours[..., :1]):
         raise InputError("--masks", str(path), "a picture without colours: black for closed mirrors, white for open ones")
     return np.asarray(colours[..., 0])
+
+
+def _check_count(pixels: int) -> None:
+    if pixels > MAX_FILE_PIXELS:
+        raise InputError("--masks", f"{pixels} values in a file", f"at most {MAX_FILE_PIXELS}")
 
 
 def _probability(p: float) -> None:

@@ -1,5 +1,7 @@
 """Patterns that the mirrors show, and what real mirrors make of them."""
 
+import zlib
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -19,11 +21,11 @@ from optsim.camera import (
 )
 from optsim.camera.dmd import check_masks
 from optsim.camera.optics_config import DmdConfig
+from optsim.camera.patterns import patterns
 from optsim.errors import InputError
 
 MONO, BAYER, FOVEON = sensors()
 SIZE = (64, 48)
-DRAWN = (Bernoulli(), Stratified(), Complementary(), BlueNoise())
 PERFECT = {"leak": 0.0}
 
 
@@ -34,7 +36,7 @@ def ring(mask, low, high):
     return power[(radius >= low) & (radius < high)].mean()
 
 
-@pytest.mark.parametrize("pattern", DRAWN, ids=lambda p: p.name)
+@pytest.mark.parametrize("pattern", patterns(), ids=lambda p: p.name)
 def test_every_pattern_is_binary_repeatable_and_half_open(pattern):
     first, again = (masks_for(FOVEON, 4, Distinct(), SIZE, 3, pattern) for _ in range(2))
     assert first.tobytes() == again.tobytes()
@@ -167,6 +169,18 @@ def test_D8_files_that_are_no_masks_of_this_size_are_refused_in_words(tmp_path, 
     with pytest.raises(InputError, match=message) as caught:
         masks_for(FOVEON, 1, Distinct(), (4, 4), 0, FromFile((tmp_path / "m.npy",)))
     assert caught.value.field == "--masks"
+
+
+def test_files_that_claim_to_be_huge_are_refused_without_reading_them(tmp_path):
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (40000000, 40000000), }"
+    (tmp_path / "m.npy").write_bytes(b"\x93NUMPY\x01\x00" + (len(header) + 1).to_bytes(2, "little") + header + b"\n" + bytes(64))
+    with pytest.raises(InputError, match="readable NPY"):
+        masks_for(FOVEON, 1, Distinct(), (4, 4), 0, FromFile((tmp_path / "m.npy",)))
+    chunk = b"IHDR" + (60_000).to_bytes(4, "big") * 2 + b"\x08\x00\x00\x00\x00"
+    whole = b"\x89PNG\r\n\x1a\n" + (13).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    (tmp_path / "m.png").write_bytes(whole + (0).to_bytes(4, "big") + b"IDAT" + zlib.crc32(b"IDAT").to_bytes(4, "big"))
+    with pytest.raises(InputError, match="at most 67108864"):
+        masks_for(FOVEON, 1, Distinct(), (4, 4), 0, FromFile((tmp_path / "m.png",)))
 
 
 def test_coloured_and_broken_pictures_and_other_formats_are_no_masks(tmp_path):
