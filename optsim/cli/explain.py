@@ -58,6 +58,7 @@ def explain(
 
 def _explain_camera(path: Path, scene: str | None, error: float, priced: tuple[int, int] | None, plot: Path | None, json: bool) -> None:
     from optsim.camera import CameraConfig
+    from optsim.camera.inverse import folds
     from optsim.study.effect_cost import EffectCostConfig, effect_costs, effect_sizes
     from optsim.study.fine_scene import TexturedField
 
@@ -73,6 +74,7 @@ def _explain_camera(path: Path, scene: str | None, error: float, priced: tuple[i
         costs = effect_costs(camera, error, scene=looked_at, config=config, field=(FIELD, FIELD), quiet=json)
     report: dict[str, Any] = {
         "camera": str(path),
+        "folds_nm": folds(camera.dispersion, (camera.bandpass.lower_nm, camera.bandpass.upper_nm)).tolist(),
         "error": error,
         "field": [FIELD, FIELD],
         "size": size,
@@ -101,6 +103,8 @@ def _fine_scene(word: str) -> FineScene:
 def _print_costs(report: dict[str, Any], costs: list[EffectCost]) -> None:
     rows, columns = report["field"]
     print(f"{report['camera']}, to a relative error of {report['error']:g}; sizes over {rows} x {columns} mirrors, largest first")
+    for turn in report["folds_nm"]:
+        print(f"  the dispersion turns back at {turn:.2f} nm: wavelengths on both sides of it share pixels")
     sensors = list(dict.fromkeys(name for cost in costs for name in cost.loss_db))
     head = "".join(f"  {name + ' dB':>24s}" for name in sensors)
     print(f"  {'':8s}  {'effect':16s} {'px':>8s} {'light wrong':>12s}{head}")

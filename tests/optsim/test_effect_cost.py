@@ -1,10 +1,12 @@
 """What effects cost a reconstruction: only those that an H can hold are priced, and none at nothing."""
 
 import json
+import math
 
+import numpy as np
 import pytest
 
-from optsim.camera import CameraConfig, Mono, effect_named
+from optsim.camera import CameraConfig, Mono, effect_named, glass
 from optsim.camera.optics_config import DmdConfig, SensorConfig
 from optsim.camera.relay import Relay
 from optsim.cli.app import _code
@@ -29,6 +31,18 @@ def test_a_camera_file_is_ranked_and_a_looser_error_requires_less(tmp_path, caps
         report = json.loads(capsys.readouterr().out)
         counts.append(len(report["required"]))
     assert counts[0] > counts[1] > counts[2] == 0
+
+
+def test_P13_explain_tells_where_a_dispersion_turns_back(tmp_path, capsys):
+    path = tmp_path / "camera.toml"
+    slope = [float(np.diff(glass(name).index([549.99, 550.01]))[0]) for name in ("N-BK7", "F2")]
+    second = math.degrees(0.2 * slope[0] / slope[1])
+    path.write_text(f'[prism]\nglasses = ["N-BK7", "F2"]\nface_tilt_deg = [{math.degrees(0.2)}, 0.0, {second}]\ndesign_position_px = 0.0\n')
+    assert _code(["explain", "--camera", str(path), "--no-db"]) == 0
+    assert "turns back at" in capsys.readouterr().out
+    assert _code(["explain", "--camera", str(path), "--no-db", "--json"]) == 0
+    (turn,) = json.loads(capsys.readouterr().out)["folds_nm"]
+    assert abs(turn - 550) < 25
 
 
 def test_explain_without_scene_or_camera_is_bad_usage(capsys):
