@@ -25,6 +25,7 @@ class Ops:
         sqrt, sin, cos: elementwise functions.
         where: ``where(mask, a, b)`` elementwise choice.
         fma: a b + c; rounded once where the arrays can.
+        sincos: (sin, cos) of one angle, cheaper than both apart.
     """
 
     sqrt: Callable[[Array], Array]
@@ -32,9 +33,10 @@ class Ops:
     cos: Callable[[Array], Array]
     where: Callable[[Array, Array, Array], Array]
     fma: Callable[[Array, Array, Array], Array]
+    sincos: Callable[[Array], tuple[Array, Array]]
 
 
-NUMPY = Ops(np.sqrt, np.sin, np.cos, np.where, lambda a, b, c: a * b + c)
+NUMPY = Ops(np.sqrt, np.sin, np.cos, np.where, lambda a, b, c: a * b + c, lambda t: (np.sin(t), np.cos(t)))
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class Kernels:
     @property
     def ops(self) -> Ops:
         """Return the formulas' operations on this backend's arrays."""
-        return Ops(self.dr.sqrt, self.dr.sin, self.dr.cos, self.dr.select, self.dr.fma)
+        return Ops(self.dr.sqrt, self.dr.sin, self.dr.cos, self.dr.select, self.dr.fma, self.dr.sincos)
 
     def opaque(self, kind: Any, value: float) -> Array:
         """Return a scalar that is an input of a kernel, not a literal in it: a new value does not recompile."""

@@ -27,7 +27,12 @@ class Rational(NamedTuple):
 
     def excess(self, squared_um: Array, ops: Ops = NUMPY) -> Array:
         """Evaluate n^2 - 1 at squared wavelengths in um^2; the range is the caller's to check."""
-        return squared_um * _horner(ops, self.numerator, squared_um) / _horner(ops, self.denominator, squared_um)
+        numerator, denominator = self.parts(squared_um, ops)
+        return squared_um * numerator / denominator
+
+    def parts(self, squared_um: Array, ops: Ops = NUMPY) -> tuple[Array, Array]:
+        """Evaluate P and Q."""
+        return _horner(ops, self.numerator, squared_um), _horner(ops, self.denominator, squared_um)
 
 
 class Glass(Model):
@@ -116,14 +121,25 @@ class Glass(Model):
     def rational(self) -> Rational:
         """Return the formula as one ratio of polynomials."""
         terms = [(np.array([b]), np.array([1.0, -c])) for b, c in zip(self.sellmeier_b, self.sellmeier_c_um2)]
-        for a, p in self.power_terms:
-            shift = p // 2 - 1  # one factor l^2 stands before the ratio
-            terms.append((np.r_[a, np.zeros(max(shift, 0))], np.r_[1.0, np.zeros(max(-shift, 0))]))
+        if self.power_terms:
+            shifts = [p // 2 - 1 for _, p in self.power_terms]  # one factor l^2 stands before the ratio
+            below = max(0, -min(shifts))
+            top = np.zeros(below + max(0, *shifts) + 1)
+            for (a, _), shift in zip(self.power_terms, shifts):
+                top[top.size - 1 - below - shift] += a
+            terms.append((top, np.r_[1.0, np.zeros(below)]))
         numerator, denominator = np.zeros(1), np.ones(1)
         for top, bottom in terms:
             numerator = np.asarray(np.polyadd(np.convolve(numerator, bottom), np.convolve(top, denominator)), np.float64)
             denominator = np.convolve(denominator, bottom)
         return Rational(tuple(map(float, numerator)), tuple(map(float, denominator)))
+
+    @functools.cached_property
+    def rational_nm(self) -> Rational:
+        """Return the same ratio for squared wavelengths in nm^2, its denominator's first coefficient still 1."""
+        (top, bottom), scale = self.rational, 1e-6
+        numerator = [a * scale ** (len(top) - i - len(bottom) + 1) for i, a in enumerate(top)]
+        return Rational(tuple(numerator), tuple(a * scale**-i for i, a in enumerate(bottom)))
 
 
 AIR = Glass(name="air", range_nm=(100, 1e5), source="indices of glass are against air, hence exactly 1")

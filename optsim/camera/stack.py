@@ -17,7 +17,7 @@ from optsim.camera.glass import AIR, Glass
 from optsim.camera.inverse import wavelength_at
 from optsim.camera.model import Model, ranged
 from optsim.camera.relay import Relay
-from optsim.camera.trace import Traced, image_point, trace_faces, transmit_faces
+from optsim.camera.trace import Traced, image_point, trace_steps, transmit_steps
 from optsim.errors import InputError
 
 DESIGN_NM = 550.0
@@ -172,17 +172,19 @@ class Prism(Model, ABC):
     def trace(self, ops: Ops, wavelength_nm: Array, X_mm: Array, Y_mm: Array, values: Any) -> tuple[Array, Array, Array]:
         """Return (x, y, valid) at the sensor in mm from the optical axis, on NumPy or Dr.Jit arrays; wavelengths are not checked."""
         faces = self.unfold(values)
-        traced = trace_faces(ops, *self._rays(ops, wavelength_nm, X_mm, Y_mm, faces))
+        traced = self._directions(ops, wavelength_nm, X_mm, Y_mm, faces)
         x, y = image_point(ops, traced, Y_mm, faces.focal_mm)
         return x, y, traced.valid
 
     def transmittance(self, ops: Ops, wavelength_nm: Array, X_mm: Array, Y_mm: Array, values: Any) -> Array:
         """Return Fresnel's transmission, 0 where lost, on NumPy or Dr.Jit arrays; wavelengths are not checked (theory.md (C.19))."""
-        return transmit_faces(ops, *self._rays(ops, wavelength_nm, X_mm, Y_mm, self.unfold(values)))
+        faces = self.unfold(values)
+        norm2, tilts, steps = self._steps(ops, wavelength_nm, X_mm, Y_mm, faces)
+        return transmit_steps(ops, X_mm, faces.collimator_mm, norm2, tilts, steps)
 
     def directions(self, ops: Ops, wavelength_nm: Array, X_mm: Array, Y_mm: Array, values: Any) -> Traced:
         """Return the wave vectors behind the prism; k_y stays Y (theory.md (C.4))."""
-        return trace_faces(ops, *self._rays(ops, wavelength_nm, X_mm, Y_mm, self.unfold(values)))
+        return self._directions(ops, wavelength_nm, X_mm, Y_mm, self.unfold(values))
 
     def why_lost(self, wavelength_nm: float, X_mm: float = 0.0, Y_mm: float = 0.0) -> str | None:
         """Say in a sentence why a ray does not reach the sensor; None when it does."""
@@ -194,19 +196,26 @@ class Prism(Model, ABC):
             return "the ray runs along a face of the prism or meets it from behind"
         return "total reflection at a face of the prism"
 
-    def _rays(self, ops: Ops, wavelength_nm: Array, X_mm: Array, Y_mm: Array, faces: StackValues) -> tuple[Any, ...]:
-        """Return what the trace takes: (X, Y) becomes the wave vector (X, Y, f1); each glass's formula is evaluated once."""
-        squared_um = wavelength_nm * wavelength_nm * 1e-6
+    def _directions(self, ops: Ops, wavelength_nm: Array, X_mm: Array, Y_mm: Array, faces: StackValues) -> Traced:
+        _, tilts, steps = self._steps(ops, wavelength_nm, X_mm, Y_mm, faces)
+        return trace_steps(ops, X_mm, faces.collimator_mm, tilts, steps)
+
+    def _steps(
+        self, ops: Ops, wavelength_nm: Array, X_mm: Array, Y_mm: Array, faces: StackValues
+    ) -> tuple[Array, list[tuple[Array, Array]], list[Array]]:
+        """Return k_0^2 of the wave vector (X, Y, f1), each face's (sin, cos), and (n^2 - 1) k_0^2 behind each; one division a glass."""
+        squared_nm = wavelength_nm * wavelength_nm
+        norm2 = ops.fma(X_mm, X_mm, ops.fma(Y_mm, Y_mm, faces.collimator_mm * faces.collimator_mm))
+        factor = squared_nm * norm2
         known: dict[Glass, Array] = {AIR: 0.0}
-        excess = []
+        steps = []
         for medium, shift in zip(self.media, faces.squared_shift, strict=True):
             if medium not in known:
-                known[medium] = medium.rational.excess(squared_um, ops)
+                numerator, denominator = medium.rational_nm.parts(squared_nm, ops)
+                known[medium] = factor * numerator / denominator
             unshifted = isinstance(shift, float) and shift == 0
-            excess.append(known[medium] if unshifted else known[medium] + shift)
-        norm2 = ops.fma(X_mm, X_mm, ops.fma(Y_mm, Y_mm, faces.collimator_mm * faces.collimator_mm))
-        tilts = [(ops.sin(t), ops.cos(t)) for t in faces.tilt_rad]
-        return X_mm, faces.collimator_mm, norm2, tilts, (*excess, 0.0)
+            steps.append(known[medium] if unshifted else ops.fma(shift, norm2, known[medium]))
+        return norm2, [ops.sincos(t) for t in faces.tilt_rad], [*steps, 0.0]
 
     def _checked(self, wavelength_nm: ArrayLike) -> np.ndarray:
         values = np.asarray(wavelength_nm, np.float64)

@@ -49,9 +49,14 @@ def trace_faces(ops: Ops, kx: Array, kz: Array, norm2: Array, tilts: Sequence[tu
         tilts: (sin t, cos t) of each face's normal (sin t, 0, cos t).
         excess: n^2 - 1 behind each face, as many as faces.
     """
+    return trace_steps(ops, kx, kz, tilts, [e * norm2 for e in excess])
+
+
+def trace_steps(ops: Ops, kx: Array, kz: Array, tilts: Sequence[tuple[Array, Array]], steps: Sequence[Array]) -> Traced:
+    """Trace as :func:`trace_faces`, with ``steps`` = (n^2 - 1) k_0^2 behind each face, k_0^2 = ``norm2``."""
     before: Array = 0.0
     ray = _start(kx, kz)
-    for tilt, after in zip(tilts, [e * norm2 for e in excess], strict=True):
+    for tilt, after in zip(tilts, steps, strict=True):
         ray, before = _refract(ops, ray, tilt, after - before), after
     return Traced(ray.kx, ray.kz, ray.valid & (ray.kz > 0), ray.met)
 
@@ -59,22 +64,26 @@ def trace_faces(ops: Ops, kx: Array, kz: Array, norm2: Array, tilts: Sequence[tu
 def transmit_faces(
     ops: Ops, kx: Array, kz: Array, norm2: Array, tilts: Sequence[tuple[Array, Array]], excess: Sequence[Array]
 ) -> Array:  # fmt: skip
-    """Return the share of unpolarised light that passes a stack of faces, (n,) in [0, 1], 0 for lost rays (theory.md (C.19)).
+    """Return the share of unpolarised light that passes a stack of faces; arguments as :func:`trace_faces` (theory.md (C.19))."""
+    return transmit_steps(ops, kx, kz, norm2, tilts, [e * norm2 for e in excess])
+
+
+def transmit_steps(
+    ops: Ops, kx: Array, kz: Array, norm2: Array, tilts: Sequence[tuple[Array, Array]], steps: Sequence[Array]
+) -> Array:  # fmt: skip
+    """Return the share of unpolarised light that passes, (n,) in [0, 1], 0 for lost rays; ``steps`` = (n^2 - 1) ``norm2`` behind each face.
 
     Fresnel's formulas for each polarisation, multiplied over the faces, averaged at the end; light that is reflected
     twice and goes on is stray light and not counted. s and p do not mix as long as the ray stays near the x-z plane.
-
-    Args:
-        ops, kx, kz, norm2, tilts, excess: see :func:`trace_faces`.
     """
     before: Array = 0.0
     ray = _start(kx, kz)
     s: Array = 1.0
     p: Array = 1.0
-    for tilt, after in zip(tilts, excess, strict=True):
-        ray = _refract(ops, ray, tilt, (after - before) * norm2)
+    for tilt, after in zip(tilts, steps, strict=True):
+        ray = _refract(ops, ray, tilt, after - before)
         a, r = ops.where(ray.valid, ray.along, 1.0), ops.where(ray.valid, ray.root, 1.0)
-        a_p, r_p = (1 + after) * a, (1 + before) * r
+        a_p, r_p = (norm2 + after) * a, (norm2 + before) * r
         s = s * (4 * a * r / ((a + r) * (a + r)))
         p = p * (4 * a_p * r_p / ((a_p + r_p) * (a_p + r_p)))
         before = after
@@ -100,5 +109,5 @@ def _refract(ops: Ops, ray: _Face, tilt: tuple[Array, Array], step: Array) -> _F
 
 def image_point(ops: Ops, traced: Traced, ky: Array, focal: Array) -> tuple[Array, Array]:
     """Return where a lens of this focal length images the direction k: f (kx, ky) / kz, 0 for lost rays (theory.md (C.5))."""
-    scale = focal / ops.where(traced.valid, traced.kz, 1.0)
-    return ops.where(traced.valid, traced.kx * scale, 0.0), ops.where(traced.valid, ky * scale, 0.0)
+    scale = ops.where(traced.valid, focal / ops.where(traced.valid, traced.kz, 1.0), 0.0)
+    return traced.kx * scale, ky * scale

@@ -73,6 +73,7 @@ def test_the_rational_form_is_the_sellmeier_sum(name):
     wavelength = np.linspace(low, high, 50)
     rational = glass(name).rational.excess((wavelength / 1000) ** 2)
     np.testing.assert_allclose(rational, glass(name).index(wavelength) ** 2 - 1, rtol=1e-12)
+    np.testing.assert_allclose(glass(name).rational_nm.excess(wavelength**2), rational, rtol=1e-12)
 
 
 def test_an_unknown_glass_is_refused_with_a_suggestion():

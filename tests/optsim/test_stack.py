@@ -298,6 +298,7 @@ def test_a_makers_glass_has_the_index_of_the_database(name):
     found = glass(name)
     np.testing.assert_allclose(found.index(wavelength), judge.get_refractive_index(wavelength), rtol=4e-16)
     np.testing.assert_allclose(found.rational.excess((wavelength / 1000) ** 2), found.index(wavelength) ** 2 - 1, rtol=1e-11)
+    np.testing.assert_allclose(found.rational_nm.excess(wavelength**2), found.index(wavelength) ** 2 - 1, rtol=1e-11)
 
 
 def test_unknown_makers_and_glasses_are_refused_with_a_suggestion():
