@@ -79,7 +79,7 @@ for name, r in best.items():
     smile = r.stack().position_px(550.0, 0.0, 1.75)[0] - r.stack().position_px(550.0)[0]
     print(f"{name}: {glasses}, {r.rms_px:.3f} px rms, {r.worst_px:.3f} px at worst; the thin formula's angles gave {r.start_rms_px:.2f}.")
     print(f"    550 nm leaves at {r.deviation_deg:+.3f} deg; faces pass {passed.min():.0%} to {passed.max():.0%};", end=" ")
-    print(f"smile {smile:+.2f} px at 1.75 mm; one arc minute on the worst face: {tolerance_px(r):.3f} px rms.")
+    print(f"smile {smile:+.2f} px at 1.75 mm; one arc minute of error on the worst face makes it {tolerance_px(r):.3f} px rms.")
 winner = min(best.values(), key=lambda r: r.rms_px)
 CameraConfig.parse_toml(winner.to_toml())  # it is a camera
 print(winner.to_toml())

@@ -1,4 +1,4 @@
-"""The measurement as a Dr.Jit function: gradients by prism, relay, registration and gray masks (theory.md (C.71) to (C.73))."""
+"""The measurement as a Dr.Jit function: gradients by prism, relay, registration and gray masks (theory.md (C.71), (C.72))."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optsim.camera.arrays import Array, Kernels, kernels
-from optsim.camera.band_model import curve_integrals, frame_width
+from optsim.camera.arrays import NUMPY, Array, Kernels, Ops, kernels
+from optsim.camera.band_model import frame_width
+from optsim.camera.bandpass import passed_photons, support_nm
 from optsim.camera.camera import CameraConfig
 from optsim.camera.differentiable_optics import DifferentiableOptics, OpticsValues
 from optsim.camera.sensor import Sensor
 from optsim.cube import Bands
 from optsim.errors import InputError
 
+STEP = 0.1
+"""Of the half field, for differences at its middle."""
 MAX_LANES = 2**26
 """Pixels x wavelengths x samples of one measurement: an array of float64 takes 512 MiB."""
 
@@ -75,28 +78,28 @@ class DifferentiableMeasurement:
         if self.samples < 1 or min(self.mirrors) < 1:
             raise InputError("samples", (self.samples, self.mirrors), "at least 1 sample a mirror and 1 x 1 mirrors")
         if self.width is None:
-            object.__setattr__(self, "width", frame_width(self.camera.dispersion, *self._passed, self.mirrors[1]))
+            low, high = support_nm(self.camera.bandpass)
+            edges = np.clip(self.bands.lower, low, high), np.clip(self.bands.upper, low, high)
+            object.__setattr__(self, "width", frame_width(self.camera.dispersion, *edges, self.mirrors[1]))
 
     @functools.cached_property
     def optics(self) -> DifferentiableOptics:
         """Return the trace with the camera's numbers."""
         return DifferentiableOptics.of(self.camera)
 
-    @property
-    def _passed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the edges of what passes the band-pass filter of each fine band."""
-        return self.camera.bandpass.clip(self.bands.lower, self.bands.upper)
-
     @functools.cached_property
     def wavelength_nm(self) -> np.ndarray:
-        """Return (n,) the wavelength at which each fine band is traced."""
-        lower, upper = self._passed
-        return (lower + upper) / 2
+        """Return (n,) the wavelength at which each fine band is traced: the middle of what can pass the filter."""
+        low, high = support_nm(self.camera.bandpass)
+        return (np.clip(self.bands.lower, low, high) + np.clip(self.bands.upper, low, high)) / 2
 
     @functools.cached_property
     def curves(self) -> np.ndarray:
-        """Return (C, n) electrons per second and unit radiance of one open mirror."""
-        return self.camera.throughput_m2_sr * curve_integrals(self.sensor, *self._passed)
+        """Return (C, n) electrons per second and unit radiance of one open mirror, before the prism's losses."""
+        lower, upper, bandpass = self.bands.lower, self.bands.upper, self.camera.bandpass
+        low, high = support_nm(bandpass)
+        self.sensor.check_range(float(np.clip(lower, low, high).min()), float(np.clip(upper, low, high).max()))
+        return self.camera.throughput_m2_sr * np.stack([passed_photons(bandpass, lower, upper, curve) for curve in self.sensor.curves])
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -161,7 +164,9 @@ class DifferentiableMeasurement:
         if rows * width * block > MAX_LANES:
             raise InputError("lanes", rows * width * block, f"at most {MAX_LANES}: fewer mirrors, wavelengths or samples")
         lane = _Lanes(k, self, found)
-        weight = lane.weight(self.optics.gathered(k, values, lane.wavelength))
+        wavelength = t.Float64(self.wavelength_nm)
+        sides = self.sides_px(k.ops, self.optics.gathered(k, values, wavelength), wavelength)
+        weight = lane.weight(self.optics.gathered(k, values, lane.wavelength), sides)
         weight = weight * dr.gather(t.Float64, cube, lane.voxel, lane.active)
         leak = self.camera.dmd.leak
         shots = masks.shape[0]
@@ -192,7 +197,8 @@ class DifferentiableMeasurement:
         x, y, valid = self.optics.position_px(values, wavelength, xi * half_x, eta * half_y)
         pitch = np.array([self.mirrors[1], self.mirrors[0]]) * self.samples / 2
         place = np.stack([xi, eta], 1) * pitch  # in samples from the middle
-        affine, miss, slope = np.zeros((len(x), 2, 3)), np.zeros(2), np.zeros(2)
+        wide, high = self.sides_px(NUMPY, values, self.wavelength_nm)
+        affine, reach = np.zeros((len(x), 2, 3)), np.zeros(2)
         for n in range(len(x)):
             ok = valid[n]
             if ok.sum() < 6:
@@ -200,11 +206,10 @@ class DifferentiableMeasurement:
             design = np.stack([np.ones(ok.sum()), x[n, ok], y[n, ok]], 1)
             solution = np.linalg.lstsq(design, place[ok], rcond=None)[0]
             affine[n] = solution.T
-            miss = np.maximum(miss, np.abs(design @ solution - place[ok]).max(0))
-            slope = np.maximum(slope, np.abs(solution[1:]).sum(0))
-        half = (1 + self.side_px(values)) / 2
-        reach = (float(half * slope[1] + 1.5 * miss[1] + 1e-6), float(half * slope[0] + 1.5 * miss[0] + 1e-6))
-        return _Reach(affine, reach, (math.floor(2 * reach[0]) + 1, math.floor(2 * reach[1]) + 1))
+            touching = (1 + np.array([wide[n], high[n]])) / 2 @ np.abs(solution[1:])
+            reach = np.maximum(reach, touching + 1.5 * np.abs(design @ solution - place[ok]).max(0) + 1e-6)
+        across, down = map(float, reach)
+        return _Reach(affine, (down, across), (math.floor(2 * down) + 1, math.floor(2 * across) + 1))
 
     @property
     def half_mm(self) -> tuple[float, float]:
@@ -212,10 +217,21 @@ class DifferentiableMeasurement:
         half = self.camera.dmd.pitch_um / 2000
         return self.mirrors[1] * half, self.mirrors[0] * half
 
-    def side_px(self, values: OpticsValues) -> Any:
-        """Return the side of a sample's image in px."""
-        pitch_mm = self.camera.dmd.pitch_um / 1000 / self.samples
-        return values.focal_mm / values.collimator_mm * values.scale * (pitch_mm * 1000 / self.optics.pixel_um)
+    def sides_px(self, ops: Ops, values: OpticsValues, wavelength_nm: Array) -> tuple[Array, Array]:
+        """Return the sides along x and y of a sample's image at the middle of the field, in px (theory.md (C.39)); nominal where lost."""
+        pitch_mm, half = self.camera.dmd.pitch_um / 1000 / self.samples, self.half_mm
+        zero = wavelength_nm * 0.0
+        ends = []
+        for X, Y in ((half[0], 0.0), (-half[0], 0.0), (0.0, half[1]), (0.0, -half[1])):
+            ends.append(self.optics.trace(ops, values, wavelength_nm, zero + STEP * X, zero + STEP * Y))
+        valid = ends[0][2] & ends[1][2] & ends[2][2] & ends[3][2]
+        nominal = values.focal_mm / values.collimator_mm * values.scale * (pitch_mm * 1000 / self.optics.pixel_um)
+        sides = []
+        for axis in (0, 1):
+            by_x = (ends[0][axis] - ends[1][axis]) * (pitch_mm / (2 * STEP * half[0]))
+            by_y = (ends[2][axis] - ends[3][axis]) * (pitch_mm / (2 * STEP * half[1]))
+            sides.append(ops.sqrt(ops.where(valid, by_x * by_x + by_y * by_y, nominal * nominal)))
+        return sides[0], sides[1]
 
 
 class _Lanes:
@@ -249,14 +265,14 @@ class _Lanes:
         place = c[0] + c[1] * self.x + c[2] * self.y + (count - 1) / 2
         return t.Int32(dr.ceil(dr.clip(place - reach, -count - 64.0, 2 * count + 64.0)))
 
-    def weight(self, values: OpticsValues) -> Array:
+    def weight(self, values: OpticsValues, sides: tuple[Array, Array]) -> Array:
         """Return the share of each lane's sample that falls on its pixel, times 1/s^2; gradients flow from the values."""
         dr, m = self.k.dr, self.m
         half_x, half_y = m.half_mm
         point = (self.k.ops, values, self.wavelength, self.xi * half_x, self.eta * half_y)
         x, y, valid = m.optics.trace(*point)
-        side = m.side_px(values)
-        share = self._overlap(x - self.x, side) * self._overlap(y - self.y, side) / (side * side) * m.optics.transmitted(*point)
+        wide, high = (dr.gather(self.k.backend.Float64, side, self.wave) for side in sides)
+        share = self._overlap(x - self.x, wide) * self._overlap(y - self.y, high) / (wide * high) * m.optics.transmitted(*point)
         return dr.select(valid & self.active, share, 0.0) / m.samples**2
 
     def _overlap(self, distance: Array, side: Array) -> Array:

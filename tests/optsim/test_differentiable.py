@@ -41,6 +41,17 @@ def test_the_differentiable_measurement_is_the_photograph(sensor, samples):
     assert np.abs(frames - photo).max() < 1e-7 * photo.max()  # the photograph holds the trace by polynomials, to 1e-7 px
 
 
+def test_registration_leak_losses_of_the_faces_and_flanks_are_the_photograph_s_too():
+    facts = {"dmd": {"leak": 0.01, "offset_x_px": 0.3, "offset_y_px": -0.2, "rotation_deg": 0.4, "scale": 1.02}}
+    bandpass = {"lower_nm": 455.0, "upper_nm": 555.0, "edge_nm": 8.0}
+    camera = CameraConfig(**facts, bandpass=bandpass, relay={"diffraction": False}, sensor={"prnu": 0.0})
+    cube, masks = inputs()
+    binary = (masks < 0.5).astype(np.uint8)
+    photo = photograph(make_cube(cube.astype(np.float32), FINE), BANDS, camera, Mono(), binary, Exposure(time_s=1.0))["frames"].values
+    frames = np.array(DifferentiableMeasurement(camera, Mono(), FINE, (4, 5), 2, photo.shape[-1]).frames(cube, binary.astype(float)))
+    assert np.abs(frames - photo).max() < 1e-6 * photo.max()  # positions to 1e-7 px and transmission to 1e-7, by polynomials
+
+
 def test_it_agrees_with_the_dense_band_model_as_far_as_bands_are_laid_in_pieces():
     """H knows no smile and no magnification other than 1, hence 1e-3."""
     masks = np.ones((1, 1, 3), np.uint8)

@@ -1,4 +1,4 @@
-"""Prisms for a wanted dispersion: a search over pairs of glasses, then derivatives by the faces' angles (theory.md (C.78), (C.79))."""
+"""Prisms for a wanted dispersion: a search over pairs of glasses, then derivatives by the faces' angles (theory.md (C.73), (C.78))."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class PrismDesign(Model):
         return sorted(found, key=lambda r: r.rms_px)
 
     def thin(self, outer: Glass, inner: Glass, wanted: WantedDispersion) -> tuple[np.ndarray, float]:
-        """Return (A1, A2) in rad and the rms error in px of the thin formula's best double Amici prism (theory.md (C.78))."""
+        """Return (A1, A2) in rad and the rms error in px of the thin formula's best double Amici prism (theory.md (C.73))."""
         from scipy.optimize import lsq_linear
 
         reach = self.relay.focal_mm * 1000 / self.pixel_um
@@ -173,7 +173,7 @@ class PrismDesign(Model):
 
 
 class _Residuals:
-    """Position errors of a prism over its spectrum, free of their mean, and the design wavelength's deviation (theory.md (C.79))."""
+    """Position errors of a prism over its spectrum, free of their mean, and the design wavelength's deviation (theory.md (C.78))."""
 
     def __init__(self, design: PrismDesign, optics: DifferentiableOptics, wanted: WantedDispersion, modes: np.ndarray) -> None:
         self.design, self.optics, self.wanted, self.modes = design, optics, wanted, modes

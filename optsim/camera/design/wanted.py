@@ -1,4 +1,4 @@
-"""The dispersion that a prism is designed for: nm per pixel over wavelength (theory.md (C.78))."""
+"""The dispersion that a prism is designed for: nm per pixel over wavelength (theory.md (C.73))."""
 
 from __future__ import annotations
 
