@@ -129,7 +129,7 @@ def main(rays: int) -> None:
         with k.dr.scoped_set_flag(k.dr.JitFlag.KernelHistory, True):
             kernel, lines = kernel_tables(k, prism, rays)
     print(
-        "| mapping | error on the axis, px | over +-3.5 mm, px | NumPy: times faster than the exact trace | Dr.Jit float64: time / copy |"
+        "| mapping | error on the axis, px | over +-3.5 mm, px | NumPy: speed / exact trace | Dr.Jit float64: time / copy |"
     )
     print("| --- | --- | --- | --- | --- |")
     for name, mapping in entries(prism):
