@@ -167,7 +167,7 @@ def physical_model(
     position, _, _ = dispersion.position_px(bands.center)
     rows, columns = masks.shape[1:]
     width = frame_width(dispersion, *camera.bandpass.clip(bands.lower, bands.upper), columns)
-    scope = Scope(camera, lower, upper, (rows, columns), passed_light(camera))
+    scope = Scope(camera, lower, upper, (rows, columns), collected_light(camera, sensor))
     landing = knowledge.land(scope)
     gain, crosstalk = knowledge.pixels(scope, width)
     mirrors = knowledge.mirrors(scope, masks)
@@ -223,7 +223,12 @@ def band_response(camera: CameraConfig, sensor: Sensor, lower_nm: np.ndarray, up
     return result
 
 
-def passed_light(camera: CameraConfig) -> Passed:
-    """Return the photons between two wavelengths that filter and prism pass on the axis."""
+def collected_light(camera: CameraConfig, sensor: Sensor) -> Passed:
+    """Return what a sensor's curves together collect between two wavelengths, behind filter and prism on the axis."""
     optics = camera.optics
-    return lambda low, high: passed_photons(camera.bandpass, low, high) * optics.transmission((low + high) / 2)
+
+    def light(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        total: np.ndarray = sum(passed_photons(camera.bandpass, low, high, curve) for curve in sensor.curves)  # type: ignore[assignment]
+        return total * optics.transmission((low + high) / 2)
+
+    return light

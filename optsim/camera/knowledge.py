@@ -28,7 +28,7 @@ class Scope:
         camera: the true one.
         lower_nm, upper_nm: (K,) bands inside the band-pass filter.
         size: (M, N) mirrors.
-        passed: photons that filter and prism pass.
+        passed: what the sensor collects behind filter and prism.
     """
 
     camera: CameraConfig
