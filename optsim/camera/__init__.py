@@ -7,6 +7,8 @@ A cube becomes frames by :func:`measure_matched` (the paper's discrete model mak
 from optsim.camera.band_model import BandModel, matched_model, physical_model
 from optsim.camera.camera import CameraConfig
 from optsim.camera.center_table import CenterTable
+from optsim.camera.differentiable import DifferentiableMeasurement
+from optsim.camera.differentiable_optics import DifferentiableOptics, OpticsValues
 from optsim.camera.dmd import Distinct, Repeated, defects, masks_for, mirror_states
 from optsim.camera.effects import EFFECTS, Effect, effect_named, ranked, reduced, required
 from optsim.camera.field_maps import MAPPINGS, FieldPolynomial, ParaxialMap, WholePixel
@@ -46,6 +48,8 @@ __all__ = [
     "CauchyMap",
     "CenterTable",
     "Complementary",
+    "DifferentiableMeasurement",
+    "DifferentiableOptics",
     "Dispersion",
     "Distinct",
     "DoubleAmici",
@@ -62,6 +66,7 @@ __all__ = [
     "Mono",
     "Noise",
     "Optics",
+    "OpticsValues",
     "OwnShifts",
     "ParaxialMap",
     "PolynomialMap",
