@@ -15,7 +15,7 @@ from optsim.camera.effects import PAPER_FIELD, Effect, present, ranked
 from optsim.camera.sensor import Sensor, sensors
 from optsim.cube import Bands, band_mean, block_mean
 from optsim.study.fine_scene import FineScene, TexturedField
-from optsim.study.judge import judge
+from optsim.study.judge import FEW_FRACTIONS, judge
 from optsim.study.pairs import Interval, interval
 from optsim.study.pool import Progress, run_all
 
@@ -216,7 +216,7 @@ def _solved(
 
     def work(task: _Solve, tick: Callable[..., None]) -> str:
         model = physical_model(task.believed, task.sensor, bands, task.masks, Exact(error=config.error))
-        found = judge(model.operator(np.float32), task.signal, truth, tick, by_gradients=True)
+        found = judge(model.operator(np.float32), task.signal, truth, tick, fractions=FEW_FRACTIONS, by_gradients=True)
         scores[task.sensor.name, task.seed, task.effect] = found.psnr_db
         return f"{found.psnr_db:.2f} dB"
 

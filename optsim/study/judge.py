@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from recon.operator import LinearOperator
 
 TAU_FRACTIONS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)
+FEW_FRACTIONS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
+"""For frames that no H explains to better than a thousandth."""
 GPSR_ITERATIONS = 200
 JUDGE_VERSION = 1
 """Raise when a change here changes scores: old entries are then computed anew."""
@@ -46,6 +48,7 @@ def judge(
     truth: np.ndarray,
     on_iteration: Callable[..., None] | None = None,
     *,
+    fractions: tuple[float, ...] = TAU_FRACTIONS,
     by_gradients: bool = False,
 ) -> Judged:
     """Invert Eq. 4 with one kernel thread, its tau found from held-out detector pixels.
@@ -55,13 +58,14 @@ def judge(
         signal: (L, C, M, W) frames without their dark level.
         truth: (M, N, K), only for the score.
         on_iteration: called often; what it raises ends the work.
+        fractions: values of tau / tau_max to try, falling.
         by_gradients: solve by GPSR rather than ADMM, whose data step is slow where H couples rows.
     """
     from recon import Admm, Gpsr, reconstruct
     from recon.metrics import psnr
     from recon.tuning import AutoTau, TauPath
 
-    choice, _ = AutoTau(path=TauPath(fractions=TAU_FRACTIONS)).try_all(operator, signal, threads=1, on_iteration=on_iteration)
+    choice, _ = AutoTau(path=TauPath(fractions=fractions)).try_all(operator, signal, threads=1, on_iteration=on_iteration)
     solver = Gpsr(tau=choice.tau, max_iterations=GPSR_ITERATIONS, tolerance=1e-4) if by_gradients else Admm(tau=choice.tau)
     solution = reconstruct(operator, signal, solver=solver, start=choice.start, threads=1, on_iteration=on_iteration)
     return Judged(float(psnr(solution.cube, truth)), choice.fraction, choice.at_edge, float(solution.residual), solution.stop.converged)
