@@ -56,7 +56,8 @@ class DifferentiableMeasurement:
 
     Every pixel adds up the samples that touch it, each laid by area as in (C.17) at its exactly traced place. What it
     models: the prism over the whole field with its Fresnel losses, both lenses, band-pass, registration, and masks of any
-    value in [0, 1] (leak is ``leak + (1 - leak) mask``). It leaves out blur, defects, noise and the pixels' patterns.
+    value in [0, 1] (leak is ``leak + (1 - leak) mask``). It leaves out blur, defects, noise and the pixels' patterns:
+    ``left_out`` names those of them that the camera states.
 
     Args:
         camera: the optics.
@@ -77,10 +78,26 @@ class DifferentiableMeasurement:
     def __post_init__(self) -> None:
         if self.samples < 1 or min(self.mirrors) < 1:
             raise InputError("samples", (self.samples, self.mirrors), "at least 1 sample a mirror and 1 x 1 mirrors")
+        if set(self.sensor.layer_bins) != {1}:
+            raise InputError("sensor", self.sensor.name, "a sensor whose layers all have pixels of one size")
         if self.width is None:
             low, high = support_nm(self.camera.bandpass)
             edges = np.clip(self.bands.lower, low, high), np.clip(self.bands.upper, low, high)
             object.__setattr__(self, "width", frame_width(self.camera.dispersion, *edges, self.mirrors[1]))
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Name the facts that the camera states and this measurement does not model."""
+        relay, dmd, pixels = self.camera.relay, self.camera.dmd, self.camera.sensor
+        facts = {
+            "relay.diffraction": relay.diffraction,
+            "relay.defocus_mm": relay.defocus_mm != 0,
+            "dmd.dead_share": dmd.dead_share != 0,
+            "dmd.stuck_share": dmd.stuck_share != 0,
+            "sensor.prnu": pixels.prnu != 0,
+            "sensor.crosstalk": pixels.crosstalk != 0,
+        }
+        return tuple(name for name, stated in facts.items() if stated)
 
     @functools.cached_property
     def optics(self) -> DifferentiableOptics:

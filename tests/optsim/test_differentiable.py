@@ -1,11 +1,9 @@
 """The differentiable measurement: equal to the photograph, with derivatives judged by complex and finite steps."""
 
-import math
-
 import numpy as np
 import pytest
 
-from optsim.camera import CameraConfig, Exposure, Foveon, Mono, photograph, physical_model, sensors
+from optsim.camera import CameraConfig, Exposure, Foveon, Mono, Quattro, photograph, physical_model, sensors
 from optsim.camera.arrays import kernels
 from optsim.camera.differentiable import DifferentiableMeasurement
 from optsim.camera.differentiable_optics import DifferentiableOptics
@@ -219,4 +217,7 @@ def test_cameras_without_a_traced_prism_and_wrong_shapes_are_refused():
         measurement.frames(cube[1:], masks)
     with pytest.raises(InputError, match="masks"):
         measurement.frames(cube, masks[:, 1:])
-    assert math.isfinite(measurement.optics.origin_px)
+    assert measurement.left_out == ()
+    assert DifferentiableMeasurement(CameraConfig(), Mono(), FINE, (4, 5), 2).left_out == ("relay.diffraction", "sensor.prnu")
+    with pytest.raises(InputError, match="sensor"):
+        DifferentiableMeasurement(CAMERA, Quattro.physical(), FINE, (4, 5), 2)
