@@ -1,6 +1,7 @@
 """Calibration: from spots of known wavelength to the camera's curve, its registration and how well they are known."""
 
 from optsim.camera.calibrate.calibrated_map import CalibratedMap
+from optsim.camera.calibrate.centroid import find_spots
 from optsim.camera.calibrate.figures import plot_calibration
 from optsim.camera.calibrate.fit import calibrate
 from optsim.camera.calibrate.parameters import Parameter, Tolerances
@@ -19,6 +20,7 @@ __all__ = [
     "Spots",
     "Tolerances",
     "calibrate",
+    "find_spots",
     "plot_calibration",
     "prism_model",
     "read_spots",

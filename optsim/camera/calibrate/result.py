@@ -13,9 +13,10 @@ from optsim.camera.calibrate.calibrated_map import CalibratedMap
 from optsim.camera.calibrate.identify import Combinations
 from optsim.camera.calibrate.jacobian import jacobian
 from optsim.camera.calibrate.levenberg import Minimum
-from optsim.camera.calibrate.parameters import REGISTRATION
+from optsim.camera.calibrate.parameters import OFFSET_Y, REGISTRATION, ROTATION, SCALE
 from optsim.camera.calibrate.prism_model import PrismModel
 from optsim.camera.calibrate.spots import Spots
+from optsim.camera.knowledge import Assumed
 
 if TYPE_CHECKING:
     from optsim.camera.camera import CameraConfig
@@ -115,6 +116,13 @@ class Calibration:
     def fitted_camera(self) -> CameraConfig:
         """Return the fitted camera, to be written as a file."""
         return self.map.camera
+
+    @property
+    def knowledge(self) -> Assumed:
+        """Return what a discrete model of the drawn camera may believe: the fitted curve and registration (theory.md (C.14))."""
+        at = {row.name: float(value) for row, value in zip(self.model.parameters, self.values)}
+        scale = at[SCALE] * self.camera.mirror_px
+        return Assumed(dispersion=self.map, offset_y_px=at[OFFSET_Y], rotation_deg=at[ROTATION], scale=scale)
 
     def correlation(self, first: str, second: str) -> float:
         """Return the correlation of two parameters; 0 where one of them was not free."""
