@@ -309,6 +309,15 @@ def test_unknown_makers_and_glasses_are_refused_with_a_suggestion():
         glass("schott:NBK7")
 
 
+def test_a_copy_with_other_values_keeps_nothing_of_the_old_ones():
+    prism, flint = DoubleAmici.default(), glass("F2")
+    assert prism.position_px(455.0)[0] != 0
+    assert prism.model_copy(update={"design_position_px": None}).position_px(455.0)[0] == pytest.approx(0, abs=1e-12)
+    assert flint.rational.numerator
+    changed = flint.model_copy(update={"sellmeier_b": (1.0, 0.2, 0.9)})
+    assert changed.rational.excess(0.25) == pytest.approx(float(changed.index(500.0)) ** 2 - 1, rel=1e-12)
+
+
 def test_air_is_one_everywhere():
     assert (AIR.index([200.0, 550.0, 5000.0]) == 1).all()
     assert isinstance(AIR, Glass)
