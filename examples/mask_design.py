@@ -83,6 +83,9 @@ for i, seed in enumerate(seeds):
     )
 
 
+np.save("designed_masks.npy", found.masks)  # optsim.camera.patterns.FromFile reads it
+
+
 def interval(gain: np.ndarray) -> tuple[float, float]:
     """Return the mean over seeds and the half width of its 95 % interval (Student)."""
     spread = stats.t.ppf(0.975, len(gain) - 1) * gain.std(ddof=1) / np.sqrt(len(gain))
