@@ -80,7 +80,7 @@ def _in_image(
     background, noise = _background(electrons)
     shape = _Shape.of(camera, nm, half_px) if camera.optics.has_blur else None
     x, y, valid = camera.optics.position_px(nm, *places)
-    rows = []
+    rows: list[tuple[float, ...]] = []
     for X, Y, px, py, ok in zip(*places, x, y, valid):
         spot = _measure(electrons - background, noise, (py + middle[0], px + middle[1]), half_px, shape) if ok else None
         if spot is not None:
