@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,6 +62,15 @@ class CenterTable(Model):
         passes = AxialTransmission.of(dispersion, range_nm)
         return cls(centers_nm=tuple(centers.tolist()), relay=relay, pixel_um=DEFAULT_PIXEL_UM, passes=passes)
 
+    @functools.cached_property
+    def _curve(self) -> tuple[np.ndarray, Any, Any]:
+        """Return the knots, the curve through them and its slope."""
+        from scipy.interpolate import PchipInterpolator
+
+        knots = np.array(self.centers_nm)
+        curve = PchipInterpolator(knots, np.arange(knots.size, dtype=np.float64))
+        return knots, curve, curve.derivative()
+
     @property
     def magnification_px(self) -> float:
         """Return sensor pixels per mm at the mirrors."""
@@ -70,14 +80,10 @@ class CenterTable(Model):
         self, wavelength_nm: ArrayLike, X_mm: ArrayLike = 0.0, Y_mm: ArrayLike = 0.0
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (x, y, valid) in sensor pixels; see :meth:`optsim.camera.stack.Prism.position_px`."""
-        from scipy.interpolate import PchipInterpolator
-
         wavelength = np.asarray(wavelength_nm, np.float64)
         if not np.all(np.isfinite(wavelength)) or np.any(wavelength <= 0):
             raise InputError("wavelength_nm", wavelength_nm, "finite and above 0 nm")
-        knots = np.array(self.centers_nm)
-        curve = PchipInterpolator(knots, np.arange(knots.size, dtype=np.float64))
-        slope = curve.derivative()
+        knots, curve, slope = self._curve
         inside = np.clip(wavelength, knots[0], knots[-1])
         end = np.where(wavelength < knots[0], slope(knots[0]), slope(knots[-1]))
         along = curve(inside) + (wavelength - inside) * end
