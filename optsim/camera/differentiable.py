@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from optsim.camera.aligned import aligned
 from optsim.camera.arrays import NUMPY, Array, Kernels, Ops, kernels
 from optsim.camera.band_model import frame_width
 from optsim.camera.bandpass import passed_photons, support_nm
@@ -138,8 +139,8 @@ class DifferentiableMeasurement:
         k = self._kernels()
         t = k.backend
         values = self.optics.inputs(k, values) if values is None or isinstance(values.scale, float | int) else values
-        light = t.Float64(np.ascontiguousarray(cube, np.float64).ravel()) if isinstance(cube, np.ndarray) else cube
-        tensor = t.TensorXf64(np.ascontiguousarray(masks, np.float64)) if isinstance(masks, np.ndarray) else masks
+        light = t.Float64(aligned(cube)) if isinstance(cube, np.ndarray) else cube
+        tensor = t.TensorXf64(t.Float64(aligned(masks)), np.shape(masks)) if isinstance(masks, np.ndarray) else masks
         fine = (self.mirrors[0] * self.samples, self.mirrors[1] * self.samples, self.bands.count)
         if len(light) != math.prod(fine):
             raise InputError("cube", len(light), f"{fine[0]} x {fine[1]} x {fine[2]} values")
@@ -158,7 +159,7 @@ class DifferentiableMeasurement:
         """
         k = self._kernels()
         dr, t = k.dr, k.backend
-        inputs, gray = self.optics.inputs(k, values), t.TensorXf64(np.ascontiguousarray(masks, np.float64))
+        inputs, gray = self.optics.inputs(k, values), t.TensorXf64(t.Float64(aligned(masks)), np.shape(masks))
         leaves = inputs.leaves()
         dr.enable_grad(gray, *leaves)
         value = loss(self.frames(cube, gray, inputs))
@@ -181,7 +182,7 @@ class DifferentiableMeasurement:
         if rows * width * block > MAX_LANES:
             raise InputError("lanes", rows * width * block, f"at most {MAX_LANES}: fewer mirrors, wavelengths or samples")
         lane = _Lanes(k, self, found)
-        wavelength = t.Float64(self.wavelength_nm)
+        wavelength = t.Float64(aligned(self.wavelength_nm))
         sides = self.sides_px(k.ops, self.optics.gathered(k, values, wavelength), wavelength)
         weight = lane.weight(self.optics.gathered(k, values, lane.wavelength), sides)
         weight = weight * dr.gather(t.Float64, cube, lane.voxel, lane.active)
@@ -199,11 +200,11 @@ class DifferentiableMeasurement:
     def _chi(self, k: Kernels, lane: _Lanes, width: int) -> list[Array]:
         """Return the response of each channel to a lane's wavelength."""
         t, dr, count = k.backend, k.dr, self.bands.count
-        table = t.Float64(self.curves.ravel())
+        table = t.Float64(aligned(self.curves))
         mosaic = self.sensor.mosaic(self.mirrors[0], width)
         if mosaic is None:
             return [dr.gather(t.Float64, table, lane.wave + c * count) for c in range(len(self.curves))]
-        curve = dr.gather(t.UInt32, t.UInt32(mosaic.astype(np.uint32).ravel()), lane.pixel)
+        curve = dr.gather(t.UInt32, t.UInt32(aligned(mosaic, np.uint32)), lane.pixel)
         return [dr.gather(t.Float64, table, curve * count + lane.wave)]
 
     def _reach(self, values: OpticsValues) -> _Reach:
@@ -272,12 +273,12 @@ class _Lanes:
         self.mirror = t.UInt32(v // m.samples) * m.mirrors[1] + t.UInt32(u // m.samples)
         self.voxel = (t.UInt32(v) * fine_columns + t.UInt32(u)) * waves + self.wave
         self.xi, self.eta = (t.Float64(u) + 0.5) / (fine_columns / 2) - 1, (t.Float64(v) + 0.5) / (fine_rows / 2) - 1
-        self.wavelength = dr.gather(t.Float64, t.Float64(m.wavelength_nm), self.wave)
+        self.wavelength = dr.gather(t.Float64, t.Float64(aligned(m.wavelength_nm)), self.wave)
 
     def _first(self, found: _Reach, axis: int, count: int) -> Array:
         """Return the first sample along an axis (0 columns, 1 rows) that can touch the pixel."""
         k, t, dr = self.k, self.k.backend, self.k.dr
-        c = [dr.gather(t.Float64, t.Float64(np.ascontiguousarray(found.affine[:, axis, i])), self.wave) for i in range(3)]
+        c = [dr.gather(t.Float64, t.Float64(aligned(found.affine[:, axis, i])), self.wave) for i in range(3)]
         reach = k.opaque(t.Float64, found.reach[1 - axis])
         place = c[0] + c[1] * self.x + c[2] * self.y + (count - 1) / 2
         return t.Int32(dr.ceil(dr.clip(place - reach, -count - 64.0, 2 * count + 64.0)))

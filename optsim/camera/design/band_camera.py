@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from optsim.camera.aligned import aligned
 from optsim.camera.arrays import Array, Kernels, kernels
 from optsim.errors import InputError
 
@@ -37,9 +38,9 @@ class BandCamera:
         self.bands, self.taps = aperture.taps.shape
         self.channels, self.width = aperture.out_shape[1], aperture.width
         self.curves = len(aperture.response)
-        self.response, self.weights = t.Float64(aperture.response.ravel()), t.Float64(aperture.taps.ravel())
-        self.first = t.Int32(aperture.first_column.astype(np.int32))
-        self.mosaic = None if aperture.mosaic is None else t.UInt32(aperture.mosaic.astype(np.uint32).ravel())
+        self.response, self.weights = t.Float64(aligned(aperture.response)), t.Float64(aligned(aperture.taps))
+        self.first = t.Int32(aligned(aperture.first_column, np.int32))
+        self.mosaic = None if aperture.mosaic is None else t.UInt32(aligned(aperture.mosaic, np.uint32))
 
     @property
     def frame_shape(self) -> tuple[int, int, int, int]:
@@ -59,7 +60,7 @@ class BandCamera:
         if tuple(value.shape) != shape:
             raise InputError(name, tuple(value.shape), f"of shape {shape}")
         t = self.k.backend
-        return t.Float64(np.ascontiguousarray(value, np.float64).ravel()) if isinstance(value, np.ndarray) else value.array
+        return t.Float64(aligned(value)) if isinstance(value, np.ndarray) else value.array
 
     def forward(self, masks: Array, cube: Array) -> Array:
         """Return flat frames of flat arguments: every pixel sums over bands and taps."""

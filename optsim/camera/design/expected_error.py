@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from optsim.camera.aligned import aligned
 from optsim.camera.design.band_camera import BandCamera
 from optsim.camera.design.prior import GaussianPrior
 from optsim.errors import InputError
@@ -100,8 +101,8 @@ class ExpectedError:
             probes: (P, M, N, K); unit vectors times sqrt(M N K), all of them, give the exact error.
         """
         h = self._with(masks)
-        dr, tensor = self.camera.k.dr, self.camera.k.backend.TensorXf64
-        gray = tensor(np.ascontiguousarray(masks, np.float64))
+        dr, t = self.camera.k.dr, self.camera.k.backend
+        gray = t.TensorXf64(t.Float64(aligned(masks)), np.shape(masks))
         dr.enable_grad(gray)
         value, scalar, count = 0.0, 0.0, 0
         for z in probes:
@@ -109,7 +110,7 @@ class ExpectedError:
             back, count = self.solve(h, h.forward(known))
             left = known - self.prior.apply(h.adjoint(back))
             value += float(np.vdot(z, left))
-            scalar = scalar - 2 * dr.sum(self.camera.frames(gray, np.ascontiguousarray(left)) * tensor(back), axis=None)
+            scalar = scalar - 2 * dr.sum(self.camera.frames(gray, left).array * t.Float64(aligned(back)))
         dr.backward(scalar)
         scale = 1 / (len(probes) * self.prior.trace)
         return ErrorEstimate(value * scale, np.array(dr.grad(gray)) * scale, count)

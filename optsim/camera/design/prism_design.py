@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from optsim.camera.aligned import aligned
 from optsim.camera.arrays import NUMPY, kernels
 from optsim.camera.design.levenberg import fit
 from optsim.camera.design.wanted import WantedDispersion
@@ -204,11 +205,11 @@ class _Residuals:
         if k is None:
             return self._stepped(values)
         dr, t, faces, count = k.dr, k.backend, len(values.face_tilt_rad), self.wavelength.size
-        leaves = [t.Float64(np.full(faces * count, angle)) for angle in values.face_tilt_rad]
+        leaves = [t.Float64(aligned(np.full(faces * count, angle))) for angle in values.face_tilt_rad]
         for i, tilt in enumerate(leaves):  # lanes i n .. (i + 1) n carry the derivative by tilt i
             dr.enable_grad(tilt)
-            dr.set_grad(tilt, t.Float64(np.repeat(np.eye(faces)[i], count)))
-        excess = [t.Float64(np.tile(known, faces)) for known in self.excess]  # not formulas: one kernel serves all glasses
+            dr.set_grad(tilt, t.Float64(aligned(np.repeat(np.eye(faces)[i], count))))
+        excess = [t.Float64(aligned(np.tile(known, faces))) for known in self.excess]  # not formulas: one kernel serves all glasses
         f1 = k.opaque(t.Float64, values.collimator_mm)
         sides = [(dr.sin(tilt), dr.cos(tilt)) for tilt in leaves]
         traced = trace_faces(k.ops, t.Float64(0), f1, f1 * f1, sides, (*excess, 0.0))
