@@ -18,6 +18,7 @@ CUTOFF = 1e-6  # eigenvalues of a block below this part of its largest count as 
 EXACT = 1e-12  # below this part of the largest an eigenvalue is a zero with rounding
 FAINT = 1e-12  # and below this part of the largest of all blocks
 COUPLED = 1e-3  # of H H^T's largest diagonal entry: what stands for rho = 0 where rows couple and only iterations solve
+FORCING = 0.03  # a step by iterations lowers the residual that it meets to this part; the splitting goes on converging
 ROWS_AT_ONCE = 16
 
 
@@ -63,7 +64,7 @@ def data_step(operator: LinearOperator, frames: np.ndarray, rho: float, *, mixed
     less, merged = reduced(operator, frames, rho, mixed, notes)
     if isinstance(less, FieldAperture) and less.rows_couple:
         rho = rho if rho > 0 else COUPLED * row_strength(less)
-        return ConjugateStep(less, merged, rho, RowInverse.near(less, rho), tuple(notes), tolerance=1e-4, iterations=60)
+        return ConjugateStep(less, merged, rho, RowInverse.near(less, rho), tuple(notes), tolerance=1e-4, iterations=60, forcing=FORCING)
     return BandedStep(less, merged, rho, tuple(notes))
 
 
@@ -108,6 +109,7 @@ class ConjugateStep:
         notes: passed on.
         tolerance: of the residual, relative to the right side.
         iterations: at most, a step.
+        forcing: a relaxed step may also stop at this part of the residual that it began with: later steps take up the rest.
     """
 
     def __init__(
@@ -119,13 +121,14 @@ class ConjugateStep:
         notes: tuple[str, ...] = (),
         tolerance: float = 1e-6,
         iterations: int = 200,
+        forcing: float = 0.0,
     ) -> None:
         from recon import step_kernels
 
         self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
         self.notes = notes
         self._operator, self._rho, self._near = operator, rho, near
-        self._tolerance, self._iterations = tolerance, iterations
+        self._tolerance, self._iterations, self._forcing = tolerance, iterations, forcing
         self._frames = frames.astype(operator.dtype)
         self._y = np.zeros(operator.out_shape, operator.dtype)
         self._sums = np.zeros((operator.in_shape[0], 4))
@@ -134,7 +137,7 @@ class ConjugateStep:
         """See ``DataStep.advance``."""
         real, rows = z.dtype.type, z.shape[1]
         threads.run(self._relax, rows, z, w, x, real(relax), self._sums)
-        self._solve(self._frames - self._operator.forward(z.transpose(1, 2, 0)))
+        self._solve(self._frames - self._operator.forward(z.transpose(1, 2, 0)), self._forcing if relax else 0.0)
         step = np.ascontiguousarray(self._operator.adjoint(self._y).transpose(2, 0, 1))
         threads.run(self._finish, rows, z, step, x, w, real(ratio), self._sums)
         return Sums(*(float(v) for v in self._sums.sum(0)))
@@ -144,10 +147,11 @@ class ConjugateStep:
         result += y.dtype.type(self._rho) * y
         return result
 
-    def _solve(self, right: np.ndarray) -> None:
+    def _solve(self, right: np.ndarray, forcing: float) -> None:
         y = self._y
         left = right - self._normal(y)
         target = self._tolerance**2 * max(float(np.vdot(right, right)), np.finfo(y.dtype).tiny)
+        target = max(target, forcing**2 * float(np.vdot(left, left)))
         turned = left if self._near is None else self._near(left)
         direction, size = turned.copy(), float(np.vdot(left, turned))
         for _ in range(self._iterations):
