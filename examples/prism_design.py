@@ -57,10 +57,10 @@ def draw(ax: plt.Axes, result: PrismResult, height: float = 1.0) -> None:
     for wedge, (before, after) in enumerate(itertools.pairwise(slopes)):
         right = left + 0.05 + max(0.0, float(np.max(np.array([-1, 1]) * height * (before - after))))
         corners = [(left[0] + before * y, y) for y in (-height, height)] + [(right[0] + after * y, y) for y in (height, -height)]
-        ax.fill(*zip(*corners), alpha=0.5, ec="k", label=result.glasses[wedge].name if wedge < 2 else None)
+        ax.fill(*zip(*corners), alpha=0.5, ec="k")
+        ax.text(*np.mean(corners, 0), result.glasses[wedge].name, ha="center", va="center", fontsize=7)
         left = right
     ax.set(aspect="equal", xlabel="along the axis", ylabel="along the dispersion", title="the best prism")
-    ax.legend(fontsize=8)
 
 
 default = DoubleAmici.default()
