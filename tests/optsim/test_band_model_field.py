@@ -199,3 +199,45 @@ def test_unit_shifts_know_nothing_of_the_camera():
     assert model.first_column.tolist() == list(range(BANDS.count))
     assert model.mirrors is None
     assert model.gain is None
+
+
+def test_P5_mirrors_whose_light_the_prism_loses_have_weight_0_and_the_others_keep_theirs():
+    from optsim.camera.field_paths import Field
+    from optsim.camera.field_spread import field_taps
+
+    def place(wavelength, X, Y):
+        x, y, valid = np.broadcast_arrays(X + 0.01 * (wavelength - 500), Y + 0 * wavelength, X < 2)
+        return x, y, valid
+
+    for otf in (None, lambda wavelength, fy, fx: np.exp(-0.5 * (fx**2 + fy**2))):
+        landing = field_taps(Field(place, (6, 9), 1.0), np.array([480.0]), np.array([520.0]), 0.01, otf=otf)
+        light = landing.taps.sum((3, 4))
+        np.testing.assert_allclose(light[0, :, :6], 1, rtol=1e-5)
+        assert (light[0, :, 6:] == 0).all()
+        assert np.isfinite(landing.taps).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (7, 1)])
+def test_single_mirrors_rows_and_columns_have_their_h(size):
+    facts = camera(relay={"diffraction": True}, dmd={"rotation_deg": 2.0, "offset_y_px": 0.1})
+    for knowledge in (OwnShifts(), Assumed(rotation_deg=3.0), Exact()):
+        h = physical_model(facts, Mono(), BANDS, np.ones((1, *size)), knowledge).operator()
+        cube = np.random.default_rng(0).random((*size, BANDS.count))
+        assert np.isfinite(h.forward(cube)).all()
+        assert h.forward(cube).max() > 0
+
+
+def test_D2_closed_mirrors_of_a_camera_that_leaks_still_send_light():
+    cam = camera(dmd={"leak": 0.001})
+    closed, opened = (physical_model(cam, Mono(), BANDS, np.full((1, 6, 7), v), Exact()).operator() for v in (0, 1))
+    cube = np.random.default_rng(0).random((6, 7, BANDS.count))
+    np.testing.assert_allclose(closed.forward(cube), 0.001 * opened.forward(cube), rtol=1e-12)
+
+
+def test_D6_gray_masks_pass_only_when_allowed_and_scale_the_light():
+    masks = np.full((1, 6, 7), 0.25)
+    with pytest.raises(InputError, match="masks"):
+        physical_model(camera(), Mono(), BANDS, masks)
+    gray, full = (physical_model(camera(), Mono(), BANDS, m, gray=True).operator() for m in (masks, np.ones((1, 6, 7))))
+    cube = np.random.default_rng(0).random((6, 7, BANDS.count))
+    np.testing.assert_allclose(gray.forward(cube), 0.25 * full.forward(cube), rtol=1e-13)
