@@ -75,7 +75,7 @@ def test_a_prism_designed_for_another_prism_s_dispersion_is_that_prism():
     position = amici.position_px(wavelength)[0]
     wanted = WantedDispersion(wavelength, position, np.gradient(wavelength, position))
     start = AMICI @ np.array([amici.apex_outer_rad * 1.1, amici.apex_inner_rad * 0.9])
-    found = PrismDesign(symmetric=True).refined((amici.outer, amici.inner, amici.outer), start, wanted)
+    found = PrismDesign(symmetric=True, field_mm=0).refined((amici.outer, amici.inner, amici.outer), start, wanted)
     assert found.rms_px < 1e-6
     assert found.start_rms_px > 1
     assert np.allclose(found.face_tilt_rad, amici.stack.face_tilt_rad, atol=1e-7)
@@ -89,8 +89,10 @@ def test_the_search_s_figures_are_those_of_the_traced_stack_and_of_the_camera_fi
     best = results[0]
     camera = CameraConfig(**tomllib.loads(best.to_toml()))
     for prism in (best.stack(), camera.dispersion):
-        position = prism.position_px(wanted.wavelength_nm)[0]
-        error = position - position.mean() - (wanted.position_px - wanted.position_px.mean())
+        field = np.array([[-1.75], [0.0], [1.75]])
+        error = prism.position_px(wanted.wavelength_nm, field)[0] - wanted.position_px - field * 100 / 138.2 / 0.0099
+        error -= error.mean()
+        assert error[1].std() == pytest.approx(best.axis_rms_px, rel=1e-4)
         assert np.sqrt(np.mean(error**2)) == pytest.approx(best.rms_px, rel=1e-4)
         assert np.abs(error).max() == pytest.approx(best.worst_px, rel=1e-4)
     assert best.rms_px < best.start_rms_px
@@ -98,9 +100,23 @@ def test_the_search_s_figures_are_those_of_the_traced_stack_and_of_the_camera_fi
 
 def test_letting_the_light_leave_at_an_angle_buys_equal_widths():
     wanted = WantedDispersion.equal()
-    straight, free = (PrismDesign(refine=1, symmetric=True, per_degree_px=weight).run(wanted, GLASSES)[0] for weight in (3.0, 0.01))
+    straight, free = (
+        PrismDesign(refine=1, symmetric=True, field_mm=0, per_degree_px=weight).run(wanted, GLASSES)[0] for weight in (3.0, 0.01)
+    )
     assert abs(straight.deviation_deg) < 0.1 < abs(free.deviation_deg)
     assert free.rms_px < straight.rms_px
+
+
+def test_the_field_s_ends_keep_the_prism_from_stretching_the_picture():
+    """On the axis alone equal widths are cheap: unequal outer faces magnify one direction, wavelength by wavelength."""
+    wanted, glasses = WantedDispersion.equal(), [glass("N-KZFS4"), glass("N-BAF10")]
+    stretch = []
+    for field_mm in (0.0, 1.75):
+        best = PrismDesign(refine=1, field_mm=field_mm).run(wanted, glasses)[0].stack()
+        x = best.position_px(550.0, np.array([-0.01, 0.01]))[0]
+        stretch.append(abs((x[1] - x[0]) / 0.02 / best.magnification_px - 1))
+    assert stretch[0] > 0.3
+    assert stretch[1] < 0.02
 
 
 def test_searches_without_sense_are_refused():

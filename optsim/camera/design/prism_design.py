@@ -37,7 +37,8 @@ class PrismResult:
         face_tilt_rad: (4,) of its faces.
         thin_rms_px: position error that the thin formula promised for the pair, rms over the spectrum, free of its mean.
         start_rms_px: that of the thin formula's angles, traced exactly.
-        rms_px, worst_px: those of the designed prism, traced exactly.
+        rms_px, worst_px: those of the designed prism, traced exactly, over the spectrum and the field.
+        axis_rms_px: that of the middle of the field alone, free of its own mean.
         deviation_deg: of the design wavelength against the axis.
         steps: of the fit.
     """
@@ -48,6 +49,7 @@ class PrismResult:
     start_rms_px: float
     rms_px: float
     worst_px: float
+    axis_rms_px: float
     deviation_deg: float
     steps: int
 
@@ -72,6 +74,8 @@ class PrismDesign(Model):
         pixel_um: the sensor's pitch, in (0, 1e4] um.
         design_nm: the wavelength that shall leave along the axis, in [100, 1e4] nm.
         per_degree_px: how many px of error one degree of that wavelength's deviation counts as, in [0, 1e3].
+        field_mm: half the mirrors' field along the dispersion, whose ends count as much as its middle: they shall land as far apart as
+            the lenses alone would lay them; 0: the axis alone, and the prism may stretch the picture. In [0, 1e3] mm.
         limit_deg: largest tilt of a face and half the largest apex angle, in (0, 85] deg.
         symmetric: whether the two outer wedges stay alike; else all four faces are free.
         refine: how many of the best pairs are refined by derivatives, from 1 to 10000.
@@ -82,6 +86,7 @@ class PrismDesign(Model):
     pixel_um: Annotated[float, ranged(0, 1e4, "um", "(]")] = DEFAULT_PIXEL_UM
     design_nm: Annotated[float, ranged(100, 1e4, "nm")] = 550.0
     per_degree_px: Annotated[float, ranged(0, 1e3, "px")] = 1.0
+    field_mm: Annotated[float, ranged(0, 1e3, "mm")] = 1.75
     limit_deg: Annotated[float, ranged(0, 85, "deg", "(]")] = 60.0
     symmetric: bool = False
     refine: Annotated[int, ranged(1, 10_000, "pairs")] = 12
@@ -153,9 +158,9 @@ class PrismDesign(Model):
     def _result(
         self, glasses: tuple[Glass, ...], tilts: np.ndarray, residuals: _Residuals, before: tuple[float, float, int]
     ) -> PrismResult:  # fmt: skip
-        x, _, _ = residuals.optics.position_px(residuals.values(tilts), residuals.wavelength)
-        wanted = residuals.wanted.position_px
-        error = x[:-1] - x[:-1].mean() - (wanted - wanted.mean())
+        x, _, _ = residuals.optics.position_px(residuals.values(tilts), residuals.wavelength, residuals.X)
+        error = residuals.errors(x)
+        on_axis = error[: residuals.wanted.wavelength_nm.size]
         thin, start, steps = before
         return PrismResult(
             glasses=glasses,
@@ -164,6 +169,7 @@ class PrismDesign(Model):
             start_rms_px=start,
             rms_px=float(np.sqrt(np.mean(error**2))),
             worst_px=float(np.abs(error).max()),
+            axis_rms_px=float(on_axis.std()),
             deviation_deg=math.degrees(math.atan(float(x[-1]) / residuals.reach)),
             steps=steps,
         )
@@ -179,7 +185,12 @@ class _Residuals:
     def __init__(self, design: PrismDesign, optics: DifferentiableOptics, wanted: WantedDispersion, modes: np.ndarray) -> None:
         self.design, self.optics, self.wanted, self.modes = design, optics, wanted, modes
         self.straightness = design.per_degree_px
-        self.wavelength = np.append(wanted.wavelength_nm, design.design_nm)
+        field = np.array([0.0, -1.0, 1.0]) * design.field_mm if design.field_mm else np.zeros(1)
+        self.wavelength = np.append(np.tile(wanted.wavelength_nm, field.size), design.design_nm)
+        self.X = np.append(np.repeat(field, wanted.wavelength_nm.size), 0.0)
+        scale = design.relay.magnification * 1000 / design.pixel_um
+        ideal = np.tile(wanted.position_px, field.size) + self.X[:-1] * scale
+        self.ideal = ideal - ideal.mean()
         self.excess = [medium.index(self.wavelength) ** 2 - 1 for medium in optics.media]
         self.reach = design.relay.focal_mm * 1000 / design.pixel_um
 
@@ -188,12 +199,14 @@ class _Residuals:
         if traced is None:
             return None
         x, by_tilt = traced
-        count = self.wanted.wavelength_nm.size
-        slope = by_tilt @ self.modes
-        error = x[:count] - x[:count].mean() - (self.wanted.position_px - self.wanted.position_px.mean())
+        slope, root = by_tilt @ self.modes, math.sqrt(self.ideal.size)
         weight = self.straightness * math.degrees(1) / self.reach
-        r = np.append(error / math.sqrt(count), weight * x[count])
-        return r, np.vstack([(slope[:count] - slope[:count].mean(0)) / math.sqrt(count), weight * slope[count]])
+        r = np.append(self.errors(x) / root, weight * x[-1])
+        return r, np.vstack([(slope[:-1] - slope[:-1].mean(0)) / root, weight * slope[-1]])
+
+    def errors(self, x: np.ndarray) -> np.ndarray:
+        """Return how far positions lie from the ideal ones, free of a common shift; on the axis first."""
+        return x[:-1] - x[:-1].mean() - self.ideal
 
     def values(self, tilts: np.ndarray) -> OpticsValues:
         """Return the optics' numbers with these tilts."""
@@ -212,7 +225,8 @@ class _Residuals:
         excess = [t.Float64(aligned(np.tile(known, faces))) for known in self.excess]  # not formulas: one kernel serves all glasses
         f1 = k.opaque(t.Float64, values.collimator_mm)
         sides = [(dr.sin(tilt), dr.cos(tilt)) for tilt in leaves]
-        traced = trace_faces(k.ops, t.Float64(0), f1, f1 * f1, sides, (*excess, 0.0))
+        X = t.Float64(aligned(np.tile(self.X, faces)))
+        traced = trace_faces(k.ops, X, f1, X * X + f1 * f1, sides, (*excess, 0.0))
         x, _ = image_point(k.ops, traced, t.Float64(0), k.opaque(t.Float64, self.reach))
         slopes = dr.forward_to(x)
         dr.eval(x, slopes, traced.valid)
@@ -222,12 +236,12 @@ class _Residuals:
 
     def _stepped(self, values: OpticsValues) -> tuple[np.ndarray, np.ndarray] | None:
         """Return the same by complex steps in NumPy, where Dr.Jit cannot run."""
-        x, _, valid = self.optics.trace(NUMPY, values, self.wavelength, 0.0, 0.0)
+        x, _, valid = self.optics.trace(NUMPY, values, self.wavelength, self.X, 0.0)
         if not np.all(valid):
             return None
         columns: list[np.ndarray] = []
         for i in range(len(values.face_tilt_rad)):
             turned = tuple(t + 1e-30j * (i == j) for j, t in enumerate(values.face_tilt_rad))
-            moved, _, _ = self.optics.trace(NUMPY, values._replace(face_tilt_rad=turned), self.wavelength.astype(complex), 0.0, 0.0)
+            moved, _, _ = self.optics.trace(NUMPY, values._replace(face_tilt_rad=turned), self.wavelength.astype(complex), self.X, 0.0)
             columns.append(np.imag(moved) / 1e-30)
         return np.asarray(x), np.stack(columns, 1)
