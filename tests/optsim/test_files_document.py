@@ -19,7 +19,7 @@ def blocks(language):
     return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
 
 
-DEFAULT_CAMERA, TABLE_CAMERA, SCENE = blocks("toml")
+DEFAULT_CAMERA, STACK_CAMERA, TABLE_CAMERA, SCENE, TEXTURE = blocks("toml")
 (PROGRAM,) = blocks("python")
 (CSV,) = blocks("csv")
 
@@ -42,6 +42,21 @@ def test_the_printed_cameras_are_the_default_and_the_papers_table():
     table = CameraConfig.parse_toml(TABLE_CAMERA)
     assert table == CameraConfig.parse_toml("[table]\n[sensor]\nfull_well_e = 40000")
     np.testing.assert_allclose(table.dispersion.position_px(np.array(PAPER_CENTERS_NM, float))[0], np.arange(24), atol=1e-12)
+
+
+def test_the_printed_stack_is_the_same_with_the_catalogues_glass():
+    own, built_in = (CameraConfig.parse_toml(text) for text in (STACK_CAMERA, STACK_CAMERA.replace('"my flint", "N', '"N-SF10", "N')))
+    nm = np.array([450.0, 520, 650])
+    np.testing.assert_allclose(own.dispersion.position_px(nm)[0], built_in.dispersion.position_px(nm)[0], atol=1e-9)
+
+
+def test_the_printed_texture_is_one():
+    from scenes.files import scene_from_data
+
+    viewpoint = {"kind": "orthographic", "origin": [0, 0, 1], "target": [0, 0, 0], "half_height": 1}
+    data = tomllib.loads(TEXTURE) | {"name": "s", "viewpoint": viewpoint}
+    data["materials"]["poster"] |= {"weights": [[[1, 0, 0], [0, 1, 0]]], "basis": ["red", "cie224-40", 0.5]}
+    assert scene_from_data(data).materials["poster"].size == (1, 2)
 
 
 def test_the_document_names_every_glass_and_every_kind():
