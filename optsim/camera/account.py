@@ -49,38 +49,43 @@ class Moments:
         """Return (L, n): the same, times what the prism lets through."""
         table, height = field.passed, self.sums.shape[2]
         eta = (np.arange(height) + 0.5) / (height / 2) - 1
-        basis = np.stack([eta**p for p in field.powers[2][: table.shape[2]]])
+        basis = np.stack([eta**p for p in field.powers[2]])
         by_power = np.einsum("pv,lavn->lapn", basis, self.sums[:, : table.shape[1]], optimize=True)
         return np.asarray(np.einsum("nap,lapn->ln", table, by_power) * field.valid)
 
 
 def _moments(k: Kernels, states: np.ndarray, samples: int, powers: int, cube: Array, shape: tuple[int, int, int]) -> np.ndarray:
-    """Return (shots, powers, rows, n): a thread a row and wavelength, the loop along the row inside."""
+    """Return (shots, powers, rows, n): a thread a row and four wavelengths, the loop along the row inside."""
     t, dr, (height, width, count) = k.backend, k.dr, shape
-    shots = len(states)
+    shots, wide = len(states), 4 if count % 4 == 0 else 1
+    kind = t.Array4f if wide == 4 else t.Float32
     values = [t.Float64(np.ascontiguousarray(s, np.float64).ravel()) for s in states]
-    thread = dr.arange(t.UInt32, height * count)
-    span, columns, mirrors = (k.opaque(t.UInt32, v) for v in (count, width, states.shape[2]))
+    thread = dr.arange(t.UInt32, height * count // wide)
+    span, columns, mirrors = (k.opaque(t.UInt32, v) for v in (count // wide, width, states.shape[2]))
     v, w = thread // span, thread % span
     half = k.opaque(t.Float64, width / 2)
     line = v // samples * mirrors
 
     def body(u: Array, *sums: Array) -> tuple[Array, ...]:
-        light = t.Float64(dr.gather(t.Float32, cube, (v * columns + u) * span + w))
+        packet = dr.gather(kind, cube, (v * columns + u) * span + w)
+        light = [t.Float64(packet[i]) for i in range(wide)] if wide > 1 else [t.Float64(packet)]
         xi = (t.Float64(u) + 0.5) / half - 1
         added = list(sums)
         for l, state in enumerate(values):
-            value = light * dr.gather(t.Float64, state, line + u // samples)
+            open_ = dr.gather(t.Float64, state, line + u // samples)
             for a in range(powers):
-                added[l * powers + a] += value
-                value *= xi
+                for i in range(wide):
+                    index = (l * powers + a) * wide + i
+                    added[index] = dr.fma(light[i], open_, added[index])
+                open_ = open_ * xi
         return (u + 1, *added)
 
-    start = (t.UInt32(0), *(dr.zeros(t.Float64, height * count) for _ in range(shots * powers)))
-    labels = ("u", *(f"s{i}" for i in range(shots * powers)))
+    start = (t.UInt32(0), *(dr.zeros(t.Float64, height * count // wide) for _ in range(shots * powers * wide)))
+    labels = ("u", *(f"s{i}" for i in range(len(start) - 1)))
     result = dr.while_loop(start, lambda u, *sums: u < columns, body, labels=labels)
     dr.eval(result)
-    return np.stack([np.array(s) for s in result[1:]]).reshape(shots, powers, height, count)
+    sums = np.stack([np.array(s) for s in result[1:]]).reshape(shots, powers, wide, height, count // wide)
+    return np.moveaxis(sums, 2, -1).reshape(shots, powers, height, count)
 
 
 def account(k: Kernels, layout: Layout, weights: Weights, states: np.ndarray, moments: Moments, rows: Rows) -> Account:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class FieldMap:
 
     Args:
         x, y, passed: (n, A + 1, count) coefficients; ``passed`` of the transmission.
-        powers: the powers of eta of x, y and the transmission. Where the optics are mirror-symmetric: the even ones, the
+        powers: of eta in x, y and the transmission. Where the optics are mirror-symmetric: the even ones, the
             odd ones, the even ones; else all of them up to the highest.
         valid: (n,) False where the prism loses the wavelength everywhere in the field.
         error_px: largest distance from the exact path on a check grid.
@@ -59,7 +60,7 @@ class FieldMap:
         passed = _evaluate(self.passed, self.powers[2], xi, eta)
         return passed * self.valid.reshape(-1, *(1,) * (passed.ndim - 1))
 
-    def part(self, wavelengths: slice) -> FieldMap:
+    def part(self, wavelengths: slice | np.ndarray) -> FieldMap:
         """Return the same for some of the wavelengths."""
         tables = (self.x[wavelengths], self.y[wavelengths], self.passed[wavelengths])
         return FieldMap(*tables, self.powers, self.valid[wavelengths], self.error_px)
@@ -112,7 +113,7 @@ class TracedField:
         points = self._points(xi, eta)
         return np.where(self.light.position_px(*points)[2], self.light.transmission(*points), 0.0)
 
-    def part(self, wavelengths: slice) -> TracedField:
+    def part(self, wavelengths: slice | np.ndarray) -> TracedField:
         """Return the same for some of the wavelengths."""
         return replace(self, wavelength_nm=self.wavelength_nm[wavelengths], valid=self.valid[wavelengths])
 
@@ -142,7 +143,7 @@ def fit_field(light: Light, wavelength_nm: np.ndarray, half_x_mm: float, half_y_
     """
     grid_x, grid_y = np.meshgrid(*_CHECK, indexing="ij")
     points = (wavelength_nm[:, None, None], grid_x * half_x_mm, grid_y * half_y_mm)
-    x, y, passes = light.position_px(*points)
+    passes = light.position_px(*points)[2]
     valid = np.asarray(passes.any((1, 2)))
     traced = TracedField(light, wavelength_nm, half_x_mm, half_y_mm, valid)
     if not np.array_equal(valid, passes.all((1, 2))):
@@ -151,57 +152,68 @@ def fit_field(light: Light, wavelength_nm: np.ndarray, half_x_mm: float, half_y_
         along, across = (np.zeros((valid.size, 2, 1)) for _ in range(2))
         along[:, 1], across[:, 0] = 1.0, 1.0  # any place will do for light that never arrives
         return FieldMap(along, across, np.zeros((valid.size, 1, 1)), ((0,), (1,), (0,)), valid, 0.0)
-    passed = light.transmission(*points)
-    symmetric = _symmetric(light, wavelength_nm[valid], half_x_mm, half_y_mm)
-    for degree in _DEGREES:
-        fitted = _fit(light, wavelength_nm, (half_x_mm, half_y_mm), degree, symmetric, valid)
-        error = float(max(np.abs(a - b)[valid].max() for a, b in zip(fitted.at(grid_x, grid_y), (x, y))))
-        if error > TOLERANCE_PX or np.abs(fitted.passes(grid_x, grid_y) - passed)[valid].max() > TOLERANCE_TRANSMISSION:
-            continue
-        return FieldMap(fitted.x, fitted.y, _trimmed(fitted.passed), fitted.powers, valid, error)
-    return traced
+    half_mm, wavelengths = (half_x_mm, half_y_mm), wavelength_nm[valid][:, None, None]
+    symmetric = _symmetric(light, wavelengths, *half_mm)
+
+    def places(X: np.ndarray, Y: np.ndarray) -> list[np.ndarray]:
+        return list(light.position_px(wavelengths, X * half_x_mm, Y * half_y_mm)[:2])
+
+    def passed(X: np.ndarray, Y: np.ndarray) -> list[np.ndarray]:
+        return [light.transmission(wavelengths, X * half_x_mm, Y * half_y_mm)]
+
+    where = _lowest(places, _DEGREES, symmetric, (False, True), TOLERANCE_PX)
+    share = _lowest(passed, ((0, 0), *_DEGREES), symmetric, (False,), TOLERANCE_TRANSMISSION)
+    if where is None or share is None:
+        return traced
+    tables = [_nearest(table, valid) for table in (*where.tables, *share.tables)]
+    return FieldMap(tables[0], tables[1], tables[2], (*where.powers, *share.powers), valid, where.error)  # type: ignore[arg-type]
+
+
+class _Fit(NamedTuple):
+    tables: list[np.ndarray]
+    powers: list[tuple[int, ...]]
+    error: float
+
+
+def _lowest(
+    values: Callable[[np.ndarray, np.ndarray], list[np.ndarray]],
+    degrees: Sequence[tuple[int, int]],
+    symmetric: bool,
+    odd: tuple[bool, ...],
+    tolerance: float,
+) -> _Fit | None:
+    """Interpolate at Chebyshev nodes, half of them in eta where the field is symmetric; return the lowest degrees that suffice."""
+    check = np.meshgrid(*_CHECK, indexing="ij")
+    exact = values(check[0], check[1])
+    for a, b in degrees:
+        highest = 2 * b + 2
+        powers = [tuple(range(int(symmetric and o), highest, 2 if symmetric else 1)) for o in odd]
+        xi = np.cos(np.pi * (np.arange(a + 1) + 0.5) / (a + 1))
+        eta = np.cos(np.pi * (np.arange(len(powers[0])) + 0.5) / highest)
+        nodes = np.meshgrid(xi, eta, indexing="ij")
+        tables = []
+        for found, chosen in zip(values(nodes[0], nodes[1]), powers):
+            matrix = np.stack([(nodes[0] ** i * nodes[1] ** j).ravel() for i in range(a + 1) for j in chosen], axis=1)
+            tables.append(np.linalg.solve(matrix, found.reshape(len(found), -1).T).T.reshape(-1, a + 1, len(chosen)))
+        fitted = [_evaluate(table, chosen, check[0], check[1]) for table, chosen in zip(tables, powers)]
+        error = float(max(np.abs(f - e).max() for f, e in zip(fitted, exact)))
+        if error <= tolerance:
+            return _Fit(tables, powers, error)
+    return None
 
 
 def _symmetric(light: Light, wavelength_nm: np.ndarray, half_x_mm: float, half_y_mm: float) -> bool:
     """Tell whether the lower half of the field is the mirror image of the upper one."""
     X, Y = np.array([-0.9, 0.3, 1.0])[:, None] * half_x_mm, np.array([0.35, 1.0]) * half_y_mm
-    wavelength = wavelength_nm[:, None, None]
-    (x, y, _), (x2, y2, _) = light.position_px(wavelength, X, Y), light.position_px(wavelength, X, -Y)
-    t, t2 = light.transmission(wavelength, X, Y), light.transmission(wavelength, X, -Y)
+    (x, y, _), (x2, y2, _) = light.position_px(wavelength_nm, X, Y), light.position_px(wavelength_nm, X, -Y)
+    t, t2 = light.transmission(wavelength_nm, X, Y), light.transmission(wavelength_nm, X, -Y)
     return bool(max(np.abs(x - x2).max(), np.abs(y + y2).max()) < 1e-2 * TOLERANCE_PX and np.abs(t - t2).max() < 1e-10)
 
 
-def _fit(
-    light: Light, wavelength_nm: np.ndarray, half_mm: tuple[float, float], degree: tuple[int, int], symmetric: bool, valid: np.ndarray
-) -> FieldMap:  # fmt: skip
-    """Interpolate at Chebyshev nodes, half of them in eta where the field is symmetric."""
-    a, b = degree
-    highest = 2 * b + 2
-    even, odd = (tuple(range(start, highest, 2 if symmetric else 1)) for start in (0, 1 if symmetric else 0))
-    powers = (even, odd, even)
-    xi = np.cos(np.pi * (np.arange(a + 1) + 0.5) / (a + 1))
-    eta = np.cos(np.pi * (np.arange(len(even)) + 0.5) / highest)
-    nodes_x, nodes_y = np.meshgrid(xi, eta, indexing="ij")
-    points = (wavelength_nm[valid][:, None, None], nodes_x * half_mm[0], nodes_y * half_mm[1])
-    x, y, _ = light.position_px(*points)
-    tables = []
-    for values, chosen in zip((x, y, np.broadcast_to(light.transmission(*points), x.shape)), powers):
-        matrix = np.stack([(nodes_x**i * nodes_y**j).ravel() for i in range(a + 1) for j in chosen], axis=1)
-        table = np.linalg.solve(matrix, values.reshape(len(values), -1).T).T.reshape(-1, a + 1, len(chosen))
-        tables.append(_nearest(table, valid))
-    return FieldMap(tables[0], tables[1], tables[2], powers, valid, 0.0)
-
-
-def _trimmed(passed: np.ndarray) -> np.ndarray:
-    """Drop the coefficients of a transmission that does not vary over the field: it is then one number a wavelength."""
-    varies = np.abs(passed.reshape(len(passed), -1)[:, 1:]).max(initial=0.0) > TOLERANCE_TRANSMISSION * 1e-3
-    return passed if varies else np.ascontiguousarray(passed[:, :1, :1])
-
-
 def _evaluate(table: np.ndarray, powers: tuple[int, ...], xi: np.ndarray, eta: np.ndarray) -> np.ndarray:
-    """Return (n, ...) sums of table[a, i] xi^a eta^powers[i]; a table may hold fewer columns than there are powers."""
+    """Return (n, ...) sums of table[a, i] xi^a eta^powers[i]."""
     xi, eta = np.broadcast_arrays(xi, eta)
-    basis = np.stack([xi.ravel() ** a * eta.ravel() ** p for a in range(table.shape[1]) for p in powers[: table.shape[2]]])
+    basis = np.stack([xi.ravel() ** a * eta.ravel() ** p for a in range(table.shape[1]) for p in powers])
     return (table.reshape(len(table), -1) @ basis).reshape(len(table), *xi.shape)
 
 

@@ -35,12 +35,14 @@ class Plan:
         k: Dr.Jit and its types.
         reach: how far a sample that touches a strip can be from its estimated place, in samples along (rows, columns).
         block: wavelengths handled together.
+        before: how far before the first wavelength's place a block's others lie, in samples along (rows, columns).
         window: (rows, columns) of samples that are looked at.
     """
 
     k: Kernels
     reach: tuple[float, float]
     block: int
+    before: tuple[float, float]
     window: tuple[int, int]
 
     @classmethod
@@ -51,12 +53,13 @@ class Plan:
             InputError: field ``camera`` when a sample's image is too small for a kernel of bounded size.
         """
         reach = layout.reach()
-        block = next(b for b in (4, 2, 1) if b == 1 or max(layout.spread(b)) <= MAX_SPREAD)
-        rows, columns = (math.floor(2 * r + s) + 1 for r, s in zip(reach, layout.spread(block)))
+        block = next(b for b in (4, 2, 1) if b == 1 or np.ptp(layout.spread(b), axis=0).max() <= MAX_SPREAD)
+        before, behind = layout.spread(block)
+        rows, columns = (math.floor(2 * r + float(s)) + 1 for r, s in zip(reach, behind - before))
         if rows * columns > MAX_CANDIDATES:
             side = float(layout.sides.min())
             raise InputError("camera", f"{side:g} px", "a sample's image of at least 0.1 px (fewer samples a mirror, or larger mirrors)")
-        return cls(k, reach, block, (rows, columns))
+        return cls(k, reach, block, (float(before[0]), float(before[1])), (rows, columns))
 
 
 class Gather:
@@ -74,68 +77,71 @@ class Gather:
     def __init__(self, plan: Plan, layout: Layout, weights: np.ndarray, states: np.ndarray, rows: Rows, wavelengths: slice) -> None:
         k = self.k = plan.k
         self.layout, self.states, self.rows, self.wavelengths = layout, states, rows, wavelengths
-        self.planes, self.reach, self.block, self.window = len(weights), plan.reach, plan.block, plan.window
+        self.planes, self.plan, self.block, self.window = len(weights), plan, plan.block, plan.window
         self.table = _Table(layout, weights, self.block)
         t = k.backend
-        self.values = t.Float64(self.table.values.ravel())
+        self.values, self.back = t.Float64(self.table.values.ravel()), t.Float64(self.table.back.ravel())
         self.columns, self.mirrors_x = k.opaque(t.UInt32, layout.fine[1]), k.opaque(t.UInt32, layout.mirrors[1])
         self.half_rows, self.half_columns = (k.opaque(t.Float64, n / 2) for n in layout.fine)
 
     def sums(self) -> np.ndarray:
         """Return (L, P, rows, columns) of cells."""
         grid, shots = self.layout.grid, len(self.states)
-        height, width = grid.cells
-        sums = np.zeros((shots, self.planes, height, width))
+        (height, width), sub = grid.pixels, grid.sub
+        sums = np.zeros((shots, self.planes, height, sub, width, sub))
         per_row = self.layout.fine[1] * self.table.blocks * self.block * 4 * self.layout.samples
-        step = max(1, SLAB_BYTES // per_row) * grid.sub
+        step, together = max(1, SLAB_BYTES // per_row), self._shots_together()
         for first in range(0, height, step):
             last = min(height, first + step)
-            start, stop = self.layout.fine_rows(first, last, self.reach[0])
+            start, stop = self._fine_rows(first, last)
             cube = self.k.backend.Float32(self._padded(self.rows(start, stop, self.wavelengths)).ravel())
-            together = self._shots_together()
             for l in range(0, shots, together):
                 chosen = slice(l, min(shots, l + together))
-                part = self._slab(cube, (start, stop), (first, last), chosen)
-                # strips to cells: (shots, planes, sub, strip rows, pixels) -> (shots, planes, strip rows, pixels, sub)
-                sums[chosen, :, first:last] = np.moveaxis(part, 2, -1).reshape(*part.shape[:2], last - first, width)
-        return sums
+                self._slab(cube, (start, stop), (first, last), chosen, sums[chosen, :, first:last])
+        return sums.reshape(shots, self.planes, *grid.cells)
+
+    def _fine_rows(self, first: int, last: int) -> tuple[int, int]:
+        sub = self.layout.grid.sub
+        return self.layout.fine_rows(first * sub, last * sub, self.plan.reach[0] - self.plan.before[0] + self.window[0])
 
     def _shots_together(self) -> int:
         """Return how many shots fit into one pass without too many sums a thread."""
-        each = self.layout.grid.sub * (self.planes + self.block)
+        each = self.layout.grid.sub * (self.layout.grid.sub * self.planes + self.block)
         return 2 ** int(np.clip(math.log2(200 / each), 0, 4))
 
     def _padded(self, cube: np.ndarray) -> np.ndarray:
         missing = self.table.blocks * self.block - cube.shape[-1]
         return np.ascontiguousarray(cube if missing == 0 else np.pad(cube, ((0, 0), (0, 0), (0, missing))), np.float32)
 
-    def _slab(self, cube: Array, fine: tuple[int, int], rows: tuple[int, int], shots: slice) -> np.ndarray:
-        """Return (shots, planes, sub, strip rows, pixels)."""
+    def _slab(self, cube: Array, fine: tuple[int, int], rows: tuple[int, int], shots: slice, sums: np.ndarray) -> None:
+        """Write (shots, planes, pixel rows, sub, pixels, sub)."""
         t, dr, grid = self.k.backend, self.k.dr, self.layout.grid
         width, sub, count = grid.pixels[1], grid.sub, shots.stop - shots.start
-        strip = dr.arange(t.UInt32, (rows[1] - rows[0]) * width)
+        pixel = dr.arange(t.UInt32, (rows[1] - rows[0]) * width)
         span = self.k.opaque(t.UInt32, width)
         middle_row, middle_column = self.layout.middle
-        top = self.k.opaque(t.Float64, grid.first[0] - 0.5 + (rows[0] + 0.5) / sub - middle_row)
-        left = self.k.opaque(t.Float64, grid.first[1] - middle_column)
-        y, x = t.Float64(strip // span) * (1 / sub) + top, t.Float64(strip % span) + left
-        touching = _Touching(self, cube, fine, shots, (x, y))
+        top, left = (self.k.opaque(t.Float64, v) for v in (grid.first[0] + rows[0] - middle_row, grid.first[1] - middle_column))
+        place = t.Float64(pixel % span) + left, t.Float64(pixel // span) + top
+        touching = _Touching(self, cube, fine, shots, place)
+        cells = sub * sub
 
-        def body(b: Array, *sums: Array) -> tuple[Array, ...]:
+        def body(b: Array, *totals: Array) -> tuple[Array, ...]:
             light, weights = touching.light(b)
-            added = list(sums)
+            added = list(totals)
             for i in range(self.block):
-                for l, p, q in np.ndindex(count, self.planes, sub):
-                    index = (l * self.planes + p) * sub + q
-                    added[index] = dr.fma(light[(i * sub + q) * count + l], weights[i][p], added[index])
+                for l, p, q in np.ndindex(count, self.planes, cells):
+                    index = (l * self.planes + p) * cells + q
+                    added[index] = dr.fma(light[(i * cells + q) * count + l], weights[i][p], added[index])
             return (b + 1, *added)
 
-        start = (t.UInt32(0), *(dr.zeros(t.Float64, strip.shape[0]) for _ in range(count * self.planes * sub)))
+        start = (t.UInt32(0), *(dr.zeros(t.Float64, pixel.shape[0]) for _ in range(count * self.planes * cells)))
         last = self.k.opaque(t.UInt32, self.table.blocks)
         labels = ("b", *(f"s{i}" for i in range(len(start) - 1)))
-        result = dr.while_loop(start, lambda b, *sums: b < last, body, labels=labels)
+        result = dr.while_loop(start, lambda b, *totals: b < last, body, labels=labels)
         dr.eval(result)  # all sums in one kernel; reading them one by one would run it once for each
-        return np.stack([np.array(s) for s in result[1:]]).reshape(count, self.planes, sub, rows[1] - rows[0], width)
+        for index, total in enumerate(result[1:]):
+            shot, plane, row, column = np.unravel_index(index, (count, self.planes, sub, sub))
+            sums[shot, plane, :, row, :, column] = np.array(total).reshape(rows[1] - rows[0], width)
 
 
 class _Table:
@@ -151,7 +157,7 @@ class _Table:
         middle = np.stack([p[:, 0] for p in f.at(zero, zero)], axis=1)
         back = np.linalg.inv(f.jacobian()).reshape(n, 4)
         parts = [f.x.reshape(n, -1), f.y.reshape(n, -1), f.passed.reshape(n, -1)[:, : f.passed[0].size * self.varies]]
-        parts += [middle, back, layout.sides, (weights * constant).T]
+        parts += [layout.sides, (weights * constant).T]
         self.starts = np.cumsum([0, *(p.shape[1] for p in parts)])
         table = np.concatenate(parts, axis=1)
         self.packets = -(-table.shape[1] // _WIDE)
@@ -159,27 +165,34 @@ class _Table:
         # the last block repeats the last wavelength with weight 0
         self.values = np.zeros((self.blocks * block, self.packets * _WIDE))
         self.values[:n, : table.shape[1]] = table
-        self.values[n:, : self.starts[6]] = table[-1, : self.starts[6]]
+        self.values[n:, : self.starts[4]] = table[-1, : self.starts[4]]
+        self.back = np.zeros((self.blocks, 2 * _WIDE))
+        self.back[:, :6] = np.concatenate([middle, back], axis=1)[::block]
 
     def read(self, k: Kernels, values: Array, w: Array) -> list[list[Array]]:
         """Return the parts of wavelength w."""
-        wide = k.backend.Array4f64
-        numbers: list[Array] = []
-        for i in range(self.packets):
-            packet = k.dr.gather(wide, values, w * self.packets + i)
-            numbers += [packet[j] for j in range(_WIDE)]
+        numbers = _read(k, values, w, self.packets)
         return [numbers[a:b] for a, b in zip(self.starts, self.starts[1:])]
 
 
+def _read(k: Kernels, values: Array, index: Array, packets: int) -> list[Array]:
+    """Return the numbers of one line of a table."""
+    numbers: list[Array] = []
+    for i in range(packets):
+        packet = k.dr.gather(k.backend.Array4f64, values, index * packets + i)
+        numbers += [packet[j] for j in range(_WIDE)]
+    return numbers
+
+
 class _Touching:
-    """Find and add up the samples that touch a strip, for one block of wavelengths."""
+    """Find and add up the samples that touch a pixel, strip by strip of its cells, for one block of wavelengths."""
 
     def __init__(self, g: Gather, cube: Array, fine: tuple[int, int], shots: slice, place: tuple[Array, Array]) -> None:
         t, k = g.k.backend, g.k
         self.g, self.cube, (self.x, self.y) = g, cube, place
         self.count = shots.stop - shots.start
         self.first, self.last = (k.opaque(t.Int32, v) for v in fine)
-        self.reach_rows, self.reach_columns = (k.opaque(t.Float64, r) for r in g.reach)
+        self.early_rows, self.early_columns = (k.opaque(t.Float64, b - r) for b, r in zip(g.plan.before, g.plan.reach))
         wide = min(self.count, 2) if self.count < 3 else _WIDE
         self.state_packets = -(-self.count // wide)
         states = np.zeros((*g.states.shape[1:], self.state_packets * wide))
@@ -189,29 +202,32 @@ class _Touching:
         self.powers = g.layout.map.powers
 
     def light(self, b: Array) -> tuple[list[Array], list[list[Array]]]:
-        """Return sums of radiance x overlap for (wavelength of the block, cell of the strip, shot), and the weights of each wavelength."""
+        """Return sums of radiance x overlap for (wavelength of the block, cell of the pixel, shot), and the weights of each wavelength."""
         g, t, dr = self.g, self.g.k.backend, self.g.k.dr
+        sub = g.layout.grid.sub
         parts = [g.table.read(g.k, g.values, b * g.block + i) for i in range(g.block)]
-        tables = [tuple(_square(p[i], s) for i, s in enumerate((g.table.x_shape, g.table.y_shape, g.table.t_shape)) if p[i]) for p in parts]
-        corners = [self._place(table, p[3], p[4]) for table, p in zip(tables, parts)]
-        row, column = corners[0]
-        for other in corners[1:]:
-            row, column = dr.minimum(row, other[0]), dr.minimum(column, other[1])
-        row = t.Int32(dr.ceil(row - self.reach_rows))
-        column = t.Int32(dr.ceil(column - self.reach_columns))
+        shapes = (g.table.x_shape, g.table.y_shape, g.table.t_shape)
+        tables = [tuple(_square(p[i], s) for i, s in enumerate(shapes) if p[i]) for p in parts]
+        back = _read(g.k, g.back, b, 2)
+        middle_row, middle_column = self._place(tables[0], back)
+        light: list[Array] = [None] * (g.block * sub * sub * self.count)
+        rows, labels = t.Int32(g.window[0]), ("p", *(f"l{i}" for i in range(g.block * sub * self.count)))
+        for strip in range(sub):
+            down = (strip + 0.5) / sub - 0.5
+            row = t.Int32(dr.ceil(middle_row + back[5] * down * g.half_rows + self.early_rows))
+            column = t.Int32(dr.ceil(middle_column + back[3] * down * g.half_columns + self.early_columns))
 
-        def body(p: Array, *light: Array) -> tuple[Array, ...]:
-            return (p + 1, *self._row(row + p, column, b, tables, [q[5] for q in parts], list(light)))
+            def body(p: Array, *sums: Array, row: Array = row, column: Array = column, down: float = down) -> tuple[Array, ...]:
+                return (p + 1, *self._row(row + p, column, b, tables, [q[3] for q in parts], self.y + down, list(sums)))
 
-        count = g.block * g.layout.grid.sub * self.count
-        start = (t.Int32(0), *(dr.zeros(t.Float64, dr.width(self.x)) for _ in range(count)))
-        rows = t.Int32(g.window[0])
-        labels = ("p", *(f"l{i}" for i in range(count)))
-        result = dr.while_loop(start, lambda p, *light: p < rows, body, labels=labels)
-        return list(result[1:]), [q[6] for q in parts]
+            start = (t.Int32(0), *(dr.zeros(t.Float64, dr.width(self.x)) for _ in labels[1:]))
+            result = dr.while_loop(start, lambda p, *sums: p < rows, body, labels=labels)
+            for i, c, l in np.ndindex(g.block, sub, self.count):
+                light[((i * sub + strip) * sub + c) * self.count + l] = result[1 + (i * sub + c) * self.count + l]
+        return light, [q[4] for q in parts]
 
-    def _row(self, v: Array, column: Array, b: Array, tables: list[Any], sides: list[Any], light: list[Array]) -> list[Array]:
-        """Add one row of samples."""
+    def _row(self, v: Array, column: Array, b: Array, tables: list[Any], sides: list[Any], y: Array, light: list[Array]) -> list[Array]:
+        """Add one row of samples to the strip at y."""
         g, t, dr = self.g, self.g.k.backend, self.g.k.dr
         s, sub = g.layout.samples, g.layout.grid.sub
         eta = (t.Float64(v) + 0.5) / g.half_rows - 1
@@ -225,15 +241,12 @@ class _Touching:
             states = self._states(mirrors + t.UInt32(u) // s, active)
             values = _numbers(dr.gather(self.light_type, self.cube, (start + t.UInt32(u)) * g.table.blocks + b, active), g.block)
             for i, (line, (wide, high)) in enumerate(zip(lines, sides)):
-                far_x, far_y = (dr.abs(polynomial(line[j], xi, dr) - p) for j, p in ((0, self.x if sub == 1 else 0.0), (1, self.y)))
-                if sub > 1:
-                    along = polynomial(line[0], xi, dr) - self.x
-                value = t.Float64(values[i]) * _overlap(dr, far_y, high, 1 / sub)
+                along, across = polynomial(line[0], xi, dr) - self.x, polynomial(line[1], xi, dr) - y
+                value = t.Float64(values[i]) * _overlap(dr, dr.abs(across), high, 1 / sub)
                 if g.table.varies:
                     value *= polynomial(line[2], xi, dr)
                 for c in range(sub):
-                    far = far_x if sub == 1 else dr.abs(along - ((c + 0.5) / sub - 0.5))
-                    share = value * _overlap(dr, far, wide, 1 / sub)
+                    share = value * _overlap(dr, dr.abs(along - ((c + 0.5) / sub - 0.5)), wide, 1 / sub)
                     for l in range(self.count):
                         index = (i * sub + c) * self.count + l
                         light[index] = dr.fma(share, states[l], light[index])
@@ -247,14 +260,14 @@ class _Touching:
             numbers += _numbers(dr.gather(self.state_type, self.states, mirror * packets + i, active), wide)
         return numbers[: self.count]
 
-    def _place(self, table: Any, middle: list[Array], back: list[Array]) -> tuple[Array, Array]:
-        """Return the (row, column) of samples, not rounded, that lands in the middle of the strip: a linear guess and one correction."""
+    def _place(self, table: Any, back: list[Array]) -> tuple[Array, Array]:
+        """Return the (row, column) of samples, not rounded, that lands in the middle of the pixel: a linear guess and one correction."""
         g, dr = self.g, self.g.k.dr
-        dx, dy = self.x - middle[0], self.y - middle[1]
-        xi = dr.clip(back[0] * dx + back[1] * dy, -1.1, 1.1)
-        eta = dr.clip(back[2] * dx + back[3] * dy, -1.1, 1.1)
+        dx, dy = self.x - back[0], self.y - back[1]
+        xi = dr.clip(back[2] * dx + back[3] * dy, -1.1, 1.1)
+        eta = dr.clip(back[4] * dx + back[5] * dy, -1.1, 1.1)
         dx, dy = (polynomial(line_at(table[i], self.powers[i], eta, dr), xi, dr) - p for i, p in ((0, self.x), (1, self.y)))
-        xi, eta = xi - back[0] * dx - back[1] * dy, eta - back[2] * dx - back[3] * dy
+        xi, eta = xi - back[2] * dx - back[3] * dy, eta - back[4] * dx - back[5] * dy
         return (dr.clip(eta, -2, 2) + 1) * g.half_rows - 0.5, (dr.clip(xi, -2, 2) + 1) * g.half_columns - 0.5
 
 

@@ -54,14 +54,9 @@ class Layout:
 
     @classmethod
     def of(cls, field: Field, mirrors: tuple[int, int], samples: int, grid: Grid) -> Layout:
-        """Give every sample the rectangle that has its image's second moments along x and y (theory.md (C.39)).
-
-        On a sub-pixel grid it is made narrower by the cell's own second moment, which laying light on cells adds.
-        """
+        """Give every sample the rectangle that has its image's second moments along x and y (theory.md (C.39))."""
         jacobian = field.jacobian() * (2 / (np.array([mirrors[1], mirrors[0]]) * samples))
         sides = np.hypot(jacobian[..., 0], jacobian[..., 1])
-        if grid.sub > 1:
-            sides = np.sqrt(np.maximum(sides**2 - 1 / grid.sub**2, (sides / 4) ** 2))
         return cls(field, mirrors, samples, grid, sides)
 
     @property
@@ -80,25 +75,25 @@ class Layout:
         assert isinstance(self.field, FieldMap)
         return self.field
 
-    def part(self, wavelengths: slice) -> Layout:
+    def part(self, wavelengths: slice | np.ndarray) -> Layout:
         """Return the same for some of the wavelengths."""
         return replace(self, field=self.field.part(wavelengths), sides=self.sides[wavelengths])
 
     def strip(self) -> np.ndarray:
-        """Return (n, 2): half the distance along x and y within which a sample touches a strip of cells one pixel wide."""
+        """Return (n, 2): half the distance along x and y within which a sample touches a strip, a row of a pixel's cells."""
         return (np.array([1.0, 1 / self.grid.sub]) + self.sides) / 2
 
     def reach(self) -> tuple[float, float]:
         """Return how far from its estimated place a sample that touches a strip can be, in samples along (rows, columns).
 
         The estimate (a linear guess and one correction) is compared with the field map over the field and over a
-        sample's whole distance from a strip; half again of the error found is added.
+        sample's whole distance from a pixel; half again of the error found is added.
         """
         f, per = self.map, np.array([self.fine[1], self.fine[0]]) / 2
         xi, eta = np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 7), indexing="ij")
         x, y = f.at(xi, eta)
         back, half = np.linalg.inv(f.jacobian()), self.strip()
-        wide, high = half[:, 0, None, None], half[:, 1, None, None]
+        wide, high = half[:, 0, None, None], half[:, 1, None, None] + 0.5 - 0.5 / self.grid.sub
         error = np.full(2, 1e-9)
         for right, down in ((0, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)):
             dx, dy = right * wide, down * high
@@ -109,16 +104,18 @@ class Layout:
         columns, rows = (extent + 1.5 * error) * per * (1 + 1e-6)
         return float(rows), float(columns)
 
-    def spread(self, block: int) -> tuple[float, float]:
-        """Return how far the places of neighbouring wavelengths, ``block`` at a time, lie apart, in samples along (rows, columns)."""
+    def spread(self, block: int) -> np.ndarray:
+        """Return (2, 2): how far before and behind a block's first wavelength the others' samples for a pixel lie, along (rows, columns)."""
         f, per = self.map, np.array([self.fine[1], self.fine[0]]) / 2
         xi, eta = np.meshgrid(np.linspace(-1, 1, 3), np.linspace(-1, 1, 3), indexing="ij")
         back = np.linalg.inv(f.jacobian())
-        places = np.einsum("nij,jnab->inab", back, np.stack(f.at(xi, eta)))
-        starts = np.arange(0, places.shape[1], block)
-        apart = np.maximum.reduceat(places, starts, axis=1) - np.minimum.reduceat(places, starts, axis=1)
-        columns, rows = apart.max((1, 2, 3)) * per * 1.1
-        return float(rows), float(columns)
+        places = np.stack(f.at(xi, eta))
+        first = np.arange(places.shape[1]) // block * block
+        # a wavelength's own way back differs from the first one's: both ends are compared at the same place on the sensor
+        apart = np.einsum("nij,jnab->inab", back[first], places - places[:, first])
+        # light that lands farther right reaches a given pixel from mirrors farther left
+        before, behind = -np.maximum(apart.max((1, 2, 3)), 0), -np.minimum(apart.min((1, 2, 3)), 0)
+        return 1.1 * (np.stack([before, behind]) * per)[:, ::-1]
 
     def fine_rows(self, first: int, last: int, reach: float) -> tuple[int, int]:
         """Return the range of fine rows that holds all that can touch rows of cells first..last-1."""
@@ -141,20 +138,29 @@ class Layout:
     def edge_samples(self, margin_px: float = 0.01) -> np.ndarray:
         """Return the flat indices of samples that some wavelength may lay, in part, beside the grid.
 
-        A line of samples is safe when its footprints stay inside by a margin at seven places along it.
+        A line of samples is safe when its footprints stay inside by a margin at seven places along it, at the wavelengths that
+        land outermost.
         """
-        f, (height, width) = self.field, self.fine
-        if not f.valid.any():
+        if not self.field.valid.any():
             return np.arange(0)
+        (height, width), chosen = self.fine, self._outermost()
+        f, sides = self.field.part(chosen), self.sides[chosen]
         xi, eta = ((np.arange(n) + 0.5) / (n / 2) - 1 for n in (width, height))
         top, bottom, left, right = self.grid.borders()
         lines = np.linspace(-1, 1, 7)
-        wide, high = (self.sides[f.valid, i, None, None] / 2 + margin_px for i in (0, 1))
-        x = f.at(xi[:, None], lines)[0][f.valid] + self.middle[1]
-        y = f.at(lines, eta[:, None])[1][f.valid] + self.middle[0]
+        wide, high = (sides[:, i, None, None] / 2 + margin_px for i in (0, 1))
+        x = f.at(xi[:, None], lines)[0] + self.middle[1]
+        y = f.at(lines, eta[:, None])[1] + self.middle[0]
         safe_x = ((x - wide > left) & (x + wide < right)).all((0, 2))
         safe_y = ((y - high > top) & (y + high < bottom)).all((0, 2))
         return np.flatnonzero(~(safe_y[:, None] & safe_x))
+
+    def _outermost(self) -> np.ndarray:
+        """Return the wavelengths that land farthest out to some side, somewhere in the field."""
+        valid = np.flatnonzero(self.field.valid)
+        line = np.linspace(-1, 1, 9)
+        places = [p[valid].reshape(valid.size, -1) for p in self.field.at(line[:, None], line)]
+        return np.asarray(valid[np.unique([f(p, axis=0) for p in places for f in (np.argmin, np.argmax)])])
 
 
 @dataclass(frozen=True, eq=False)
