@@ -109,8 +109,8 @@ def page(rows: list[str], config: EffectCostConfig) -> str:
         f"""# Fidelity: what each effect adds, the error without it, and its cost
 
 Written by `python benchmarks/fidelity.py --size {config.size} --seeds {config.seeds}` (optsim {__version__}); run it to measure again.
-A camera file states facts, and `photograph` models them all; `optsim explain --camera FILE` makes this ranking for a camera of your
-own, and `optsim measure --error` models only what an error requires. Definitions: theory.md C.i.
+A camera file states facts, and `photograph` models them all. `optsim explain --camera FILE` makes this ranking for a camera of your own and
+says what an error requires; `reduced(camera, required(camera, error))` is the camera that states just that. Definitions: theory.md C.i.
 
 Each effect is alone here, at the value in the third column, on top of the ideal camera (default double Amici prism, no other effect).
 

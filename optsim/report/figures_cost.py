@@ -116,6 +116,8 @@ def draw_effects(report: Mapping[str, Any], path: Path) -> None:
         share.scatter([row["relative"] for row in rows], y, c=colors, s=28, zorder=3)
         share.axvline(report["error"], color=INK, lw=0.8, ls=":")
         share.set_xscale("log")
+        share.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        share.xaxis.set_minor_formatter(lambda value, _: "")
         share.set_yticks(y, [row["name"] for row in rows])
         share.invert_yaxis()
         share.set_xlabel("share of light wrong without it")
@@ -130,5 +132,5 @@ def draw_effects(report: Mapping[str, Any], path: Path) -> None:
         decibels.set_xlabel("dB lost when H leaves it out, mean and 95 % interval")
         decibels.set_title(f"Cost, on {report['size']} x {report['size']} mirrors")
         if sensors:
-            decibels.legend()
+            decibels.legend(loc="lower right")
         figure.savefig(path, dpi=150)
