@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from optsim.cli.paths import FIGURES, target
 from optsim.cli.words import Json, print_json
-from optsim.errors import InputError
 
 if TYPE_CHECKING:
     from optsim.camera.calibrate import Calibration
-
-FIGURES = (".png", ".pdf", ".svg")
 
 
 def calibrate(
@@ -34,8 +32,9 @@ def calibrate(
     from optsim.camera import CameraConfig
     from optsim.camera import calibrate as package
 
-    if plot is not None and plot.suffix not in FIGURES:
-        raise InputError("--plot", str(plot), "a file path that ends in .png, .pdf or .svg")
+    target(plot, "--plot", FIGURES)
+    target(output, "-o", (".toml",), source=camera)
+    target(save_spots, "--save-spots", (".csv",), source=spots)
     drawing = CameraConfig() if camera is None else CameraConfig.from_toml(camera)
     truth = None
     if spots is None:

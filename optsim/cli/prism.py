@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from optsim.cli.paths import FIGURES, target
 from optsim.cli.words import Json, print_json
 from optsim.errors import InputError
 
-FIGURES = (".png", ".pdf", ".svg")
 MANY = 60
 
 
@@ -33,8 +33,7 @@ def prism(
     from optsim.camera.prism_report import chief_rays
     from optsim.camera.prism_study import study
 
-    if plot is not None and plot.suffix not in FIGURES:
-        raise InputError("--plot", str(plot), "a file path that ends in .png, .pdf or .svg")
+    target(plot, "--plot", FIGURES)
     if quick and cost is None:
         raise InputError("--quick", quick, "given with --cost")
     config = CameraConfig() if camera is None else CameraConfig.from_toml(camera)

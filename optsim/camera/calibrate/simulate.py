@@ -53,9 +53,9 @@ def simulate_spots(
         InputError: the field at fault; ``wavelength_nm`` when the band-pass leaves a glass's range.
     """
     if not (np.isfinite(noise_px) and 0 <= noise_px <= 10):
-        raise InputError("noise", noise_px, "in [0, 10] px")
+        raise InputError("--noise", noise_px, "in [0, 10] px")
     if not 2 <= wavelengths <= 10_000:
-        raise InputError("wavelengths", wavelengths, "from 2 to 10000")
+        raise InputError("--wavelengths", wavelengths, "from 2 to 10000")
     if not 0 <= seed < 2**63:
         raise InputError("--seed", seed, "an integer from 0 to 2^63 - 1")
     model = prism_model(camera, tolerances)
