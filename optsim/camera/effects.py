@@ -96,7 +96,7 @@ EFFECTS: tuple[Effect, ...] = (
     Effect("fresnel", "the prism's faces reflect a part of the light", {"prism": {"fresnel": False}}, sizes.fresnel),
     Effect("leak", "mirrors that are off pass some light", {"dmd": {"leak": 0.0}}, sizes.leak),
     Effect("defects", "some mirrors are always off or always on", {"dmd": {"dead_share": 0.0, "stuck_share": 0.0}}, sizes.defects),
-    Effect("band-pass edges", "the band-pass filter has flanks", {"bandpass": {"edge_nm": 0.0}}, sizes.edges),
+    Effect("band-pass-edges", "the band-pass filter has flanks", {"bandpass": {"edge_nm": 0.0}}, sizes.edges),
     Effect("crosstalk", "charge ends in neighbouring pixels", {"sensor": {"crosstalk": 0.0}}, sizes.crosstalk),
     Effect("prnu", "pixels respond differently", {"sensor": {"prnu": 0.0}}, sizes.prnu),
     Effect("dsnu", "pixels have different offsets", {"sensor": {"dsnu_e": 0.0}}, sizes.dsnu),
