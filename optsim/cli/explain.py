@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from optsim.cli.paths import FIGURES, target
 from optsim.cli.words import Json, find_scene, print_json
 from optsim.errors import InputError
 
@@ -62,8 +63,7 @@ def _explain_camera(path: Path, scene: str | None, error: float, priced: tuple[i
     from optsim.study.effect_cost import EffectCostConfig, effect_costs, effect_sizes
     from optsim.study.fine_scene import TexturedField
 
-    if plot is not None and plot.suffix not in (".png", ".pdf", ".svg"):
-        raise InputError("--plot", str(plot), "a file path that ends in .png, .pdf or .svg")
+    target(plot, "--plot", FIGURES)
     camera = CameraConfig() if str(path) == "default" else CameraConfig.from_toml(path)
     looked_at = TexturedField() if scene is None else _fine_scene(scene)
     size, seeds = priced or (EffectCostConfig().size, 0)
