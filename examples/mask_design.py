@@ -92,18 +92,16 @@ def interval(gain: np.ndarray) -> tuple[float, float]:
     return float(gain.mean()), float(spread)
 
 
-kinds, data = ("balanced over the shots", "designed"), ("noise-free, basis pursuit", "noisy photograph, ADMM")
-gains = results[:, :, 1:] - results[:, :, :1]
+comparisons = {"balanced - Bernoulli": (1, 0), "designed - Bernoulli": (2, 0), "designed - balanced": (2, 1)}
+data = ("noise-free, basis pursuit", "noisy photograph, ADMM")
 for d, what in enumerate(data):
-    for kind, label in enumerate(kinds):
-        mean, half = interval(gains[:, :, kind, d].mean(1))
+    for label, (one, other) in comparisons.items():
+        gain = results[:, :, one, d] - results[:, :, other, d]
+        mean, half = interval(gain.mean(1))
         verdict = "a gain" if mean > half else "a loss" if mean < -half else "no difference that these seeds show"
-        print(f"{what}: {label} - Bernoulli = {mean:+.2f} +- {half:.2f} dB: {verdict}")
-        for j, name in enumerate(held_out):
-            print(
-                "    {:12s} {:+.2f} +- {:.2f} dB".format(name, *interval(gains[:, j, kind, d])),
-                f"(Bernoulli {results[:, j, 0, d].mean():.2f} dB)",
-            )
+        scenes = ", ".join("{} {:+.2f} +- {:.2f}".format(name, *interval(gain[:, j])) for j, name in enumerate(held_out))
+        print(f"{what}: {label} = {mean:+.2f} +- {half:.2f} dB, {verdict} ({scenes})")
+    print(f"    Bernoulli reaches {', '.join(f'{results[:, j, 0, d].mean():.2f} dB on {name}' for j, name in enumerate(held_out))}")
 print(f"The intervals are over {len(seeds)} held-out seeds; {len(held_out)} held-out scenes say little of other scenes.")
 
 figure, axes = plt.subplots(1, 4, figsize=(15, 3.9), layout="constrained")
@@ -114,11 +112,13 @@ figure.colorbar(picture, ax=axes[1], label=f"open in how many of {shots} shots",
 axes[2].semilogy(found.errors)
 axes[2].set(xlabel="step", ylabel="expected error / energy", title=f"design, seed {seeds[-1]} (gray masks)")
 for d, kind in np.ndindex(2, 2):
-    place, points = 2.5 * d + kind, gains[:, :, kind, d]
-    for j in range(len(held_out)):
-        axes[3].plot(np.full(len(seeds), place) + 0.15 * (j - 0.5), points[:, j], "os"[j], color=f"C{kind}", alpha=0.5, ms=4)
+    place, points = 2.5 * d + kind, results[:, :, kind + 1, d] - results[:, :, 0, d]
+    for j, name in enumerate(held_out):
+        label = name if d == kind == 0 else None
+        axes[3].plot(np.full(len(seeds), place) + 0.15 * (j - 0.5), points[:, j], "os"[j], color=f"C{kind}", alpha=0.5, ms=4, label=label)
     mean, half = interval(points.mean(1))
     axes[3].errorbar(place, mean, half, fmt="_k", capsize=6, ms=14)
+axes[3].legend(fontsize=8)
 axes[3].axhline(0, color="0.5", lw=0.8)
 axes[3].set_xticks([0, 1, 2.5, 3.5], ["balanced", "designed"] * 2, rotation=20)
 axes[3].set(ylabel="gain over Bernoulli / dB", title="held-out scenes and seeds\nnoise-free | noisy photograph")
