@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optsim.camera import CameraConfig, Exposure, Foveon, Mono, Quattro, photograph, physical_model, sensors
-from optsim.camera.arrays import kernels
+from optsim.camera.arrays import NUMPY, kernels
 from optsim.camera.differentiable import DifferentiableMeasurement
 from optsim.camera.differentiable_optics import DifferentiableOptics
 from optsim.camera.optics_config import DmdConfig
@@ -59,6 +59,18 @@ def test_it_agrees_with_the_dense_band_model_as_far_as_bands_are_laid_in_pieces(
     frames = np.array(DifferentiableMeasurement(CAMERA, Mono(), fine, (1, 3), 4, model.width).frames(cube, masks.astype(float)))
     expected = model.operator().forward(cube[::4, ::4, ::40])
     assert np.abs(frames - expected).max() < 2e-3 * expected.max()
+
+
+@pytest.mark.parametrize("field", [True, False])
+def test_positions_and_losses_are_those_of_the_camera_s_optics(field):
+    dmd = {"offset_x_px": 1.3, "offset_y_px": -0.4, "rotation_deg": 0.7, "scale": 1.01}
+    camera = CameraConfig(prism={"glasses": ["N-SK2", "air", "F2"], "face_tilt_deg": [4.0, -9.0, -8.0, 6.0], "field": field}, dmd=dmd)
+    optics = DifferentiableOptics.of(camera)
+    wavelength, X, Y = np.linspace(455, 660, 7), np.linspace(-2, 1.5, 7), np.linspace(1, -3, 7)
+    for found, exact in zip(optics.position_px(optics.values, wavelength, X, Y), camera.optics.position_px(wavelength, X, Y)):
+        assert np.abs(found * 1.0 - exact).max() < 1e-10
+    share = optics.transmitted(NUMPY, optics.values, wavelength, X, Y)
+    assert np.abs(share - camera.optics.transmission(wavelength, X, Y)).max() < 1e-14
 
 
 def vector_snell(values, media, wavelength_nm, X, Y):
