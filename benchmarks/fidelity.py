@@ -121,7 +121,7 @@ Each effect is alone here, at the value in the third column, on top of the ideal
   three shots, textured field, {config.size} x {config.size} mirrors, mean and 95 % interval over {config.seeds} sets of masks.
   Effects that grow with the field cost more on a larger one.
 * **time**: of a photograph with it, over that of the ideal camera, same run.
-* **weights**: taps (rows x columns) a band of the H that has it.
+* **weights**: taps (rows x columns) a band of the H that has it, to {config.error:g} of the light: what varies less over the field is not in it.
 
 | effect | what it adds | facts | px | light wrong | frames | dB lost | time | weights |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- |
