@@ -105,7 +105,7 @@ class Layout:
         return float(rows), float(columns)
 
     def spread(self, block: int) -> np.ndarray:
-        """Return (2, 2): how far before and behind a block's first wavelength the others' samples for a pixel lie, along (rows, columns)."""
+        """Return (2, 2): how far before and behind a block's first wavelength the others' samples for a pixel lie (rows, columns)."""
         f, per = self.map, np.array([self.fine[1], self.fine[0]]) / 2
         xi, eta = np.meshgrid(np.linspace(-1, 1, 3), np.linspace(-1, 1, 3), indexing="ij")
         back = np.linalg.inv(f.jacobian())

@@ -41,7 +41,7 @@ class Exposure(Model):
         interpolate: None refuses a cube that is too coarse.
         shifts: what the H in the file knows about the camera.
         gray: allow masks between 0 and 1.
-        sub_pixels: cells along a pixel's side on which light is blurred, an odd number from 1 to 15.
+        sub_pixels: cells along a pixel's side on which light is blurred, from 1 to 15 (3: 2 %, 4: 1 %, 5: 0.4 % at f/8).
         seed: of the noise, and a note of the masks' seed.
         masks_name: distinct or repeated, a note in the file.
     """
@@ -53,7 +53,7 @@ class Exposure(Model):
     interpolate: Interpolate | None = None
     shifts: Shifts = OwnShifts()
     gray: bool = False
-    sub_pixels: Annotated[int, ranged(1, 15, "cells a pixel's side")] = 3
+    sub_pixels: Annotated[int, ranged(1, 15, "cells a pixel's side")] = 4
     seed: Annotated[int, ranged(0, MAX_SEED, "")] = 0
     masks_name: str = "distinct"
 
