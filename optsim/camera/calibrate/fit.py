@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,6 +55,7 @@ class _Task:
     spots: Spots
     free: np.ndarray
     camera: CameraConfig
+    last: dict[bytes, Jacobian] = field(default_factory=dict)
 
     def rest(self, values: np.ndarray) -> _Rest:
         """Return what tilt, distortion and the like add at these values, and how that changes."""
@@ -71,8 +72,12 @@ class _Task:
         return moved
 
     def derivatives(self, values: np.ndarray) -> Jacobian:
-        """Return positions and derivatives at parameter values."""
-        return jacobian(self.model, values, self.spots.wavelength_nm, self.spots.X_mm, self.spots.Y_mm)
+        """Return positions and derivatives at parameter values; the last ones are kept."""
+        key = values.tobytes()
+        if key not in self.last:
+            self.last.clear()
+            self.last[key] = jacobian(self.model, values, self.spots.wavelength_nm, self.spots.X_mm, self.spots.Y_mm)
+        return self.last[key]
 
     def misfit(self, at: Jacobian, rest: np.ndarray) -> np.ndarray:
         """Return (2n,) model minus measured, px."""

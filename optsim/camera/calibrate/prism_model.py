@@ -47,7 +47,7 @@ class PrismModel:
     pixel_um: float
     registered: bool = True
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Return the parameters' names."""
         return tuple(p.name for p in self.parameters)
@@ -116,7 +116,7 @@ class PrismModel:
         x = ops.where(valid, x_mm * px + origin + p[OFFSET_X], 0.0)
         return x, ops.where(valid, y_mm * px + p[OFFSET_Y], 0.0), valid
 
-    @property
+    @cached_property
     def drawn_magnification(self) -> float:
         """Return f2 / f1 as drawn."""
         return float(self.drawn[self.index_of[FOCAL]] / self.drawn[self.index_of[COLLIMATOR]])
