@@ -103,6 +103,13 @@ def _print(report: dict[str, Any]) -> None:
     print(f"at X = -{smile['X_mm']:.2f} and +{smile['X_mm']:.2f} mm: {_span(smile['left_px'])} and {_span(smile['right_px'])} px")
     if report["tolerance"] is not None:
         _print_tolerance(report)
+    if "cost" in report:
+        print("\nwhat H believes, and the dB that it costs against exact weights (mean over masks and scenes, 95 % interval)")
+        for loss in report["cost"]["losses"]:
+            if loss["scene"] is None:
+                db = loss["loss_db"]
+                interval = "" if db["low"] is None else f" ({db['low']:+.2f} to {db['high']:+.2f})"
+                print(f"  {loss['sensor']:8s} {loss['case']:20s} {db['mean']:+6.2f}{interval}")
 
 
 def _print_tolerance(report: dict[str, Any]) -> None:
