@@ -1,6 +1,6 @@
 """Measure what each optical effect adds, what leaving it out costs, and what modelling it costs; write docs/fidelity.md.
 
-    python benchmarks/fidelity.py [--size 32] [--seeds 3] [--output docs/fidelity.md]
+    python benchmarks/fidelity.py [--size 24] [--seeds 3] [--output docs/fidelity.md]
 
 Each effect is taken alone, at a plausible value, on top of the ideal camera. Costs are ratios of times in one run.
 """
@@ -53,7 +53,7 @@ def seconds(camera: CameraConfig, cube, masks) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", type=int, default=32, help="mirrors along each side")
+    parser.add_argument("--size", type=int, default=24, help="mirrors along each side")
     parser.add_argument("--seeds", type=int, default=3, help="sets of masks")
     parser.add_argument("--output", type=Path, default=Path("docs/fidelity.md"))
     options = parser.parse_args()
@@ -121,7 +121,8 @@ Each effect is alone here, at the value in the third column, on top of the ideal
   three shots, textured field, {config.size} x {config.size} mirrors, mean and 95 % interval over {config.seeds} sets of masks.
   Effects that grow with the field cost more on a larger one.
 * **time**: of a photograph with it, over that of the ideal camera, same run.
-* **weights**: taps (rows x columns) a band of the H that has it, to {config.error:g} of the light: what varies less over the field is not in it.
+* **weights**: taps (rows x columns) a band of the H that has it, to {config.error:g} of the light: what varies less over the field is not
+  in it.
 
 | effect | what it adds | facts | px | light wrong | frames | dB lost | time | weights |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- |

@@ -32,7 +32,7 @@ def explain(
     db: Annotated[
         bool, Parameter(help="With --camera: price every effect by small reconstructions with and without it in H.", negative="--no-db")
     ] = True,
-    size: Annotated[int, Parameter(help="With --camera: mirrors along each side of the reconstructions, a multiple of 8.")] = 32,
+    size: Annotated[int, Parameter(help="With --camera: mirrors along each side of the reconstructions, a multiple of 8.")] = 24,
     seeds: Annotated[int, Parameter(help="With --camera: sets of masks; two or more give intervals.")] = 3,
     plot: Annotated[Path | None, Parameter(help="With --camera: draw the ranking (PNG, PDF or SVG).")] = None,
     json: Json = False,

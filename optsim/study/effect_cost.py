@@ -44,7 +44,7 @@ class EffectCostConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    size: int = Field(32, ge=16, le=256, multiple_of=8)
+    size: int = Field(24, ge=16, le=256, multiple_of=8)
     seeds: int = Field(3, ge=1, le=100)
     groups: int = Field(1, ge=1, le=8)
     subdivide: int = Field(10, ge=10, le=100)
@@ -151,7 +151,7 @@ def effect_costs(
     return result
 
 
-def effect_sizes(camera: CameraConfig, error: float, field: tuple[int, int] = PAPER_FIELD, size: int = 32) -> list[EffectCost]:
+def effect_sizes(camera: CameraConfig, error: float, field: tuple[int, int] = PAPER_FIELD, size: int = 24) -> list[EffectCost]:
     """Rank a camera's effects by size alone; ``loss_db`` stays empty.
 
     Raises:
