@@ -30,6 +30,18 @@ def relative_errors(groups: list[Replicates], weights: list[np.ndarray]) -> np.n
     return np.divide(errors, level, out=np.zeros_like(errors), where=level > 0)
 
 
+def relative_bound(radiance: np.ndarray, bound: np.ndarray) -> np.ndarray:
+    """Return each band's RMS error bound over the picture divided by the band's mean radiance; arrays (pixels, K)."""
+    size = np.sqrt(np.mean(np.square(bound, dtype=np.float64), axis=0))
+    level = np.mean(radiance, axis=0, dtype=np.float64)
+    return np.divide(size, level, out=np.zeros_like(size), where=level > 0)
+
+
+def kept_as(level: float) -> type[np.float32] | type[np.float64]:
+    """Return the type that holds radiances of this mean: float32 unless it would lose them."""
+    return np.float32 if level == 0 or FLOAT32_LEVELS[0] < level < FLOAT32_LEVELS[1] else np.float64
+
+
 def band_radiance(groups: list[Replicates], weights: list[np.ndarray], pixels: int) -> tuple[np.ndarray, np.ndarray | None]:
     """Return (pixels, K) radiance and standard error (None with a single pass), theory.md (R.24) and (R.28).
 
@@ -37,7 +49,7 @@ def band_radiance(groups: list[Replicates], weights: list[np.ndarray], pixels: i
     """
     count = len(weights[0])
     level = max(float(np.max(weight @ group.mean.mean(1))) for group, weight in zip(groups, weights))
-    dtype = np.float32 if level == 0 or FLOAT32_LEVELS[0] < level < FLOAT32_LEVELS[1] else np.float64
+    dtype = kept_as(level)
     radiance = np.zeros((pixels, count), dtype)
     stderr = np.zeros((pixels, count), dtype) if all(group.count > 1 for group in groups) else None
     with threadpool_limits(1):  # one BLAS thread: the same bytes whatever the number of cores

@@ -15,7 +15,9 @@ import numpy as np
 from optsim.cube import Bands, make_cube
 from optsim.render.backend import start, versions
 from optsim.render.canonical import canonical
-from optsim.render.estimate import band_radiance
+from optsim.render.cells import NotFlat
+from optsim.render.estimate import band_radiance, kept_as, relative_bound
+from optsim.render.flat import FlatPicture
 from optsim.render.passes import Progress, Renderable, State, run
 from optsim.render.settings import RenderSettings, film_size
 from scenes.scene import Scene
@@ -51,6 +53,9 @@ def render(
     Raises:
         InputError: ``render.*`` for settings, ``materials.*`` and ``lights[i]`` for spectra that do not cover the bands.
     """
+    flat = _without_samples(scene, bands, size, settings, progress)
+    if flat is not None:
+        return flat
     if start().vectorised:
         from optsim.render.transport import Transport
 
@@ -58,6 +63,31 @@ def render(
     from optsim.render.reference import FilmTransport
 
     return picture(partial(FilmTransport, through_nodes=True), scene, bands, size, settings, progress, checkpoint)
+
+
+def _without_samples(
+    scene: Scene, bands: Bands, size: tuple[int, int], settings: RenderSettings | None, progress: Progress | None
+) -> xr.Dataset | None:
+    """Render a flat diffuse scene in closed form; None when the scene, or what is asked of it, needs samples."""
+    settings = RenderSettings() if settings is None else settings
+    film = film_size(size, settings.oversample)
+    try:
+        task = FlatPicture(scene, bands, film, settings)
+        dtype = kept_as(task.level)
+        radiance, bound = np.empty((task.pixels, bands.count), dtype), np.empty((task.pixels, bands.count), dtype)
+        for strip in task.strips():
+            here = slice(strip.first_pixel, strip.first_pixel + len(strip.radiance))
+            radiance[here], bound[here] = strip.radiance, strip.error
+            if progress is not None:
+                progress(here.stop / task.pixels, None)
+    except NotFlat:
+        return None
+    error = float(relative_bound(radiance, bound).max(initial=0.0))
+    if error > settings.tolerance:
+        return None
+    attrs = _attrs(task, config_digest(task, bands)) | {"variant": "none", "llvm_version": "none"}
+    attrs |= {"samples_per_pixel": 0, "passes": 0, "error": error, "cut_share": 0.0}
+    return _checked(task, bands, radiance, bound, attrs)
 
 
 def render_with_film(
@@ -104,20 +134,36 @@ def picture(
     return _cube(task, bands, state, digest)
 
 
-def config_digest(task: Renderable, bands: Bands) -> str:
+def config_digest(task: Renderable | FlatPicture, bands: Bands) -> str:
     """Return the SHA-256 of everything that decides the bytes of a render."""
-    backend = start()
     told = {
         "scene": canonical(task.scene),
         "bands": [canonical(x) for x in (bands.lower, bands.upper, bands.center)],
         "film": task.film,
         "settings": task.settings.model_dump(),
         "route": task.route,
-        "variant": backend.variant,
-        "llvm": backend.llvm.version,
         "versions": {name: number for name, number in versions().items() if name in ("optsim", "mitsuba", "drjit", "numpy")},
     }
+    if not isinstance(task, FlatPicture):
+        backend = start()
+        told |= {"variant": backend.variant, "llvm": backend.llvm.version}
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+
+
+Attrs = dict[str, str | int | float]
+
+
+def _attrs(task: Renderable | FlatPicture, digest: str) -> Attrs:
+    return {
+        "title": f"radiance of {task.scene.name}",
+        "config_digest": digest,
+        "seed": task.settings.seed,
+        "versions": json.dumps(versions(), sort_keys=True),
+        "oversample": task.settings.oversample,
+        "integrator": task.route,
+        "max_depth": task.max_depth,
+        "transport_nodes": int(task.nodes.size),
+    }
 
 
 def _cube(task: Renderable, bands: Bands, state: State, digest: str) -> xr.Dataset:
@@ -127,25 +173,21 @@ def _cube(task: Renderable, bands: Bands, state: State, digest: str) -> xr.Datas
     else:
         radiance = np.zeros((task.pixels, bands.count), np.float32)
         stderr = np.zeros_like(radiance)
+    attrs = _attrs(task, digest) | {
+        "variant": backend.variant,
+        "llvm_version": backend.llvm.version or "none",
+        "samples_per_pixel": state.spent,
+        "passes": state.passes,
+        "error": task.error(state.groups) if state.passes > 1 else 0.0,
+        "cut_share": float(state.cut),
+    }
+    return _checked(task, bands, radiance, stderr, attrs)
+
+
+def _checked(task: Renderable | FlatPicture, bands: Bands, radiance: np.ndarray, stderr: np.ndarray | None, attrs: Attrs) -> xr.Dataset:
     for values in (radiance, stderr):
         if values is not None and not np.all(np.isfinite(values)):
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(values))[0])
             raise RuntimeError(f"the renderer made a value that is not finite, first at (pixel, band) {where}: a fault of the renderer")
-    attrs: dict[str, str | int | float] = {
-        "title": f"radiance of {task.scene.name}",
-        "config_digest": digest,
-        "seed": task.settings.seed,
-        "variant": backend.variant,
-        "llvm_version": backend.llvm.version or "none",
-        "versions": json.dumps(versions(), sort_keys=True),
-        "oversample": task.settings.oversample,
-        "samples_per_pixel": state.spent,
-        "passes": state.passes,
-        "error": task.error(state.groups) if state.passes > 1 else 0.0,
-        "integrator": task.route,
-        "max_depth": task.max_depth,
-        "cut_share": float(state.cut),
-        "transport_nodes": int(task.nodes.size),
-    }
     shape = (*task.film, bands.count)
     return make_cube(radiance.reshape(shape), bands, None if stderr is None else stderr.reshape(shape), attrs)

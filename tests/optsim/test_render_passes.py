@@ -15,11 +15,14 @@ from optsim.render.replicates import Replicates, load, save
 from optsim.render.transport import Transport
 from scenes.color_checker import ColorChecker
 from scenes.library import illuminant
-from scenes.scene import AreaLight, Box, ConstantSky, Diffuse, Perspective, Rectangle, Scene
+from scenes.scene import AreaLight, Box, ConstantSky, Diffuse, Perspective, Rectangle, Scene, Sphere
 from scenes.spectrum import Spectrum
 
 BANDS = Bands.paper()
-CHART = ColorChecker().build()
+FLAT = ColorChecker().build()
+SPECK = Sphere(name="speck", material="board", center=(0, 0, -0.01), radius=1e-4)
+CHART = FLAT.model_copy(update={"shapes": (*FLAT.shapes, SPECK)})
+"""A speck behind the board is never seen, but a scene that is not flat needs samples."""
 RED = Diffuse(reflectance=Spectrum(np.array([400.0, 580, 620, 700]), np.array([0.1, 0.1, 0.8, 0.8])))
 BLOCK = Scene(
     name="block",
@@ -265,7 +268,7 @@ def test_provenance_tells_what_made_the_cube():
     assert {"config_digest", "seed", "versions", "variant", "samples_per_pixel", "passes", "error", "integrator"} <= set(cube.attrs)
     assert (cube.attrs["seed"], cube.attrs["variant"], cube.attrs["samples_per_pixel"]) == (7, "llvm_ad_spectral", 16)
     assert all(isinstance(value, str | int | float) for value in cube.attrs.values())
-    again = render(ColorChecker().build(), BANDS, (4, 4), RenderSettings(samples_per_pixel=16, seed=7))
+    again = render(CHART, BANDS, (4, 4), RenderSettings(samples_per_pixel=16, seed=7))
     assert again.attrs["config_digest"] == cube.attrs["config_digest"]
     for change in (RenderSettings(samples_per_pixel=16, seed=8), RenderSettings(samples_per_pixel=17, seed=7)):
         assert render(CHART, BANDS, (4, 4), change).attrs["config_digest"] != cube.attrs["config_digest"]
