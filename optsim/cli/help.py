@@ -40,6 +40,9 @@ Example: `optsim measure cube.nc --sensor foveon --shots 1 -o frames.nc`
 Example: `optsim measure fine.nc --sensor mono --shots 3 --physical --noise -o frames.nc`
 
 Another prism, lens or pixel is a camera file in TOML (docs/files.md): `--physical --camera camera.toml`
+
+Of the camera's effects, `--physical` models those that `--error` (0.001) requires; `--error 0` models all, `--force` and `--without`
+name single ones, `optsim explain --camera` ranks them.
 """,
     "reconstruct": """Recover the cube from frames, in the cube's own units.
 

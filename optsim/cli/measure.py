@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from optsim.cli.modelled import budget_plan, modelled_camera, pattern_named, warn_of_ratio
 from optsim.cli.words import PAPER, Output, mask_rule, sensor_named, wrote
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from optsim.camera import Exposure, Noise, Sensor
+    from optsim.camera import Noise
 
 
 def measure(
@@ -46,10 +47,27 @@ def measure(
     bands: Annotated[
         str | None, Parameter(help="With --physical: bands of the model H; those that the cube was rendered for when absent.")
     ] = None,
+    error: Annotated[
+        float | None,
+        Parameter(help="With --physical: leave out effects of the camera that together change frames by less, relative; 0: none (0.001)."),
+    ] = None,
+    force: Annotated[tuple[str, ...], Parameter(help="With --physical: an effect to model even if --error does not require it.")] = (),
+    without: Annotated[
+        tuple[str, ...], Parameter(help="With --physical: an effect to leave out; `optsim explain --camera` lists them.")
+    ] = (),
+    pattern: Annotated[
+        str, Parameter(help="What the masks show: bernoulli, stratified, complementary, blue-noise, or a PNG or NPY file.")
+    ] = "bernoulli",
+    budget: Annotated[
+        str | None,
+        Parameter(help="With --physical: light budget A to F; --shots then counts colour shots, --exposure is a colour shot's."),
+    ] = None,
     seed: Annotated[int, Parameter(help="Seed of masks and noise.")] = 0,
 ) -> None:
     """Photograph a cube through mask, prism and sensor. Masks, shifts and responses travel in the frames file."""
-    from optsim.camera import Exposure, Interpolate, masks_for, measure_matched
+    from optsim.camera import CameraConfig, Exposure, Interpolate, masks_for, measure_matched, photograph
+    from optsim.camera.objective import through_objective
+    from optsim.cube import Bands
     from optsim.files import read_cube, writable, write
 
     if physical and matched:
@@ -59,6 +77,10 @@ def measure(
         "--camera": camera,
         "--exposure": exposure is not None,
         "--bands": bands is not None,
+        "--error": error is not None,
+        "--force": bool(force),
+        "--without": bool(without),
+        "--budget": budget is not None,
     }
     for name, given in only_physical.items():
         if given and not physical:
@@ -69,7 +91,7 @@ def measure(
     if bits is not None and not 8 <= bits <= 16:
         raise InputError("--bits", bits, "from 8 to 16")
     writable(output, source=cube)
-    chosen, rule = sensor_named(sensor), mask_rule(masks)
+    chosen, rule, shown = sensor_named(sensor), mask_rule(masks), pattern_named(pattern)
     source = read_cube(cube)
     if physical:
         how = Exposure(
@@ -79,29 +101,27 @@ def measure(
             seed=seed,
             masks_name=masks,
         )
-        frames = _photograph(source, chosen, shots, bands, camera, how)
+        if budget is not None:
+            plan = budget_plan(budget, chosen, shots, exposure)
+            shots, how = plan.shots, how.model_copy(update={"time_s": plan.exposure_s, "fill": plan.fill, "masks_name": plan.rule.name})
+        optics = CameraConfig() if camera is None else CameraConfig.from_toml(camera)
+        table = Bands.parse(bands if bands is not None else str(source.attrs.get("bands", PAPER)))
+        samples = int(source.attrs.get("oversample", 1))
+        size = (source.sizes["y"] // samples, source.sizes["x"] // samples)
+        optics = modelled_camera(optics, table, size, 1e-3 if error is None else error, force, without)
+        if optics.objective.focal_mm is not None:
+            source = through_objective(source, optics, samples)
+        drawn = masks_for(chosen, shots, mask_rule(how.masks_name), size, seed, shown)
+        warn_of_ratio(chosen, shots, table.count)
+        frames = photograph(source, table, optics, chosen, drawn, how)
     else:
         source = _band_cube(source)
         height, width = source["radiance"].shape[:2]
-        drawn = masks_for(chosen, shots, rule, (height, width), seed)
+        drawn = masks_for(chosen, shots, rule, (height, width), seed, shown)
+        warn_of_ratio(chosen, shots, source.sizes["wavelength"])
         frames = measure_matched(source, chosen, drawn, masks_name=rule.name, seed=seed, noise=_noise(noise, bits, read_noise))
     write(frames, output)
     wrote(output, frames["frames"].shape, f"(shot, channel, y, x), {frames.attrs['units']}")
-
-
-def _photograph(
-    source: xr.Dataset, sensor: Sensor, shots: int, bands: str | None, camera: Path | None, exposure: Exposure
-) -> xr.Dataset:  # fmt: skip
-    from optsim.camera import CameraConfig, masks_for, photograph
-    from optsim.cube import Bands
-
-    optics = CameraConfig() if camera is None else CameraConfig.from_toml(camera)
-    table = Bands.parse(bands if bands is not None else str(source.attrs.get("bands", PAPER)))
-    samples = int(source.attrs.get("oversample", 1))
-    height, width = (side // samples for side in source["radiance"].shape[:2])
-    rule = mask_rule(exposure.masks_name)
-    drawn = masks_for(sensor, shots, rule, (height, width), int(exposure.seed))
-    return photograph(source, table, optics, sensor, drawn, exposure)
 
 
 def _noise(wanted: bool, bits: int | None, read_noise: float | None) -> Noise | None:
