@@ -29,7 +29,7 @@ from scenes import scene_by_name
 
 quick = bool(os.environ.get("OPTSIM_QUICK"))
 size, shots = (16 if quick else 32), 3
-seeds = (1001, 1002) if quick else (1001, 1002, 1003, 1004, 1005)  # the design's settings were chosen on seeds 0 and 1
+seeds = (2001, 2002) if quick else (2001, 2002, 2003, 2004, 2005)  # settings were chosen with others (0, 1, 1001 to 1005)
 training, held_out = ("color-checker", "color-checker-bars"), ("relief", "glass")
 bands, sensor, camera = Bands.paper(), Mono(), CameraConfig().ideal()
 fine_bands = bands.subdivide(10, cover=(camera.bandpass.lower_nm, camera.bandpass.upper_nm))
