@@ -84,6 +84,35 @@ def photographs(size: int) -> None:
     print(f"  gather in Dr.Jit against scatter in NumPy, {small} x {small} mirrors: {slow / fast:.1f} times faster")
 
 
+def against_the_trace(size: int) -> None:
+    """Photograph 2 x 2 samples a mirror and 10 wavelengths a band, and trace as many rays exactly, in turns."""
+    k = kernels()
+    if k is None:
+        return
+    prism, dr, rng, rays = DoubleAmici.default(), k.dr, np.random.default_rng(0), 4_000_000
+    host = (rng.uniform(450, 670, rays), rng.uniform(-1.75, 1.75, rays), rng.uniform(-1.75, 1.75, rays))
+    arrays, values = [k.backend.Float64(v) for v in host], prism.opaque_values(k, k.backend.Float64)
+    dr.eval(arrays, values)
+
+    def trace() -> None:
+        x, y = prism.trace(k.ops, *arrays, values)[:2]
+        dr.eval(x, y)
+        dr.sync_thread()
+
+    bands = Bands.paper()
+    fine = bands.subdivide(10)
+    cube = make_cube(rng.random((2 * size, 2 * size, fine.count), dtype=np.float32), fine)
+    print(f"\nphotograph of {2 * size} x {2 * size} x {fine.count} samples, the exact trace of as many rays being 1")
+    for name, camera in (("ideal", CameraConfig().ideal()), ("default", CameraConfig())):
+        for sensor in sensors():
+            masks = masks_for(sensor, 1, Distinct(), (size, size), 0)
+            work, whole, part = (lambda c=camera, s=sensor, m=masks: photograph(cube, bands, c, s, m, Exposure(time_s=1.0))), [], []
+            for _ in range(4):
+                part.append(best(trace, 2))
+                whole.append(best(work, 1))
+            print(f"  {name:8s} {sensor.name:8s} {min(whole) / min(part) * rays / (4 * size**2 * fine.count):6.1f}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rays", type=int, default=4_000_000)
@@ -91,3 +120,4 @@ if __name__ == "__main__":
     arguments = parser.parse_args()
     trace_rates(arguments.rays)
     photographs(arguments.size)
+    against_the_trace(arguments.size)
