@@ -46,6 +46,21 @@ class LightPoint:
             found *= np.divide(np.maximum(-(away @ self.normal), 0), np.sqrt(square), out=np.zeros_like(square), where=square > 0)
         return found
 
+    def may_reach(self, corners: np.ndarray, receiver: Face, level: float) -> np.ndarray:
+        """Tell of which polygons (H, m, 3) the shadows may fall on a receiver; quick, and True when in doubt."""
+        heights = receiver.heights(corners)
+        top = np.inf if self.distant else float(receiver.heights(self.place))
+        plain = np.all((heights > level) & (heights < top * (1 - NEAR_LIGHT)), axis=1)
+        if (self.distant and self.place @ receiver.normal >= 0) or top <= level:
+            return np.zeros(len(corners), bool)
+        chosen = corners[plain]
+        travel = np.broadcast_to(self.place, chosen.shape) if self.distant else chosen - self.place
+        cast = chosen - travel * (heights[plain] / (travel @ receiver.normal))[..., None]
+        found = np.ones(len(corners), bool)
+        for start, stop in zip(receiver.corners, np.roll(receiver.corners, -1, 0)):
+            found[plain] &= np.any((cast - start) @ np.cross(receiver.normal, stop - start) > 0, axis=1)
+        return found
+
     def shadow(self, face: Face, receiver: Face, level: float) -> np.ndarray:
         """Return the corners of the shadow of a face on the plane of another, cut to the receiver; (0, 3) when there is none."""
         corners = clip(face.corners, receiver.heights(face.corners) - level)

@@ -32,11 +32,14 @@ class Shadows:
         self.point, self._view = point, view
         polygons, receivers = [], []
         height, width = view.film
+        most = max((len(face.corners) for face in view.faces), default=0)
+        corners = np.array([np.concatenate([f.corners, np.repeat(f.corners[-1:], most - len(f.corners), 0)]) for f in view.faces])
         for receiver in np.unique(view.face[view.front[view.face]]):
             own = view.faces[receiver]
             if own.light >= 0:
                 continue
-            for number in light.hiders(int(receiver), level):
+            hiders = light.hiders(int(receiver), level)
+            for number in hiders[point.may_reach(corners[hiders], own, level)]:
                 cast = point.shadow(view.faces[number], own, level)
                 outline = clip_to_box(view.project(cast), width, height)
                 if abs(area(outline)) > SMALLEST_SHADOW:

@@ -305,7 +305,8 @@ def test_what_has_no_closed_form_is_sampled(name):
 
 
 def test_shadows_too_soft_for_the_error_asked_for_are_sampled():
-    wide = world((FLOOR, PLATE), (LAMP.model_copy(update={"half_u": (2.0, 0.0, 0.0), "half_v": (0.0, -2.0, 0.0)}),))
+    under = Orthographic(origin=(0, 0, 2), target=(0, 0, 0), up=(0, 1, 0), half_height=1)
+    wide = world((FLOOR, PLATE), (LAMP.model_copy(update={"half_u": (2.0, 0.0, 0.0), "half_v": (0.0, -2.0, 0.0)}),), under)
     assert render(wide, ONE, (8, 8), RenderSettings(error=0.02)).attrs["integrator"] == FLAT
     with pytest.warns(RuntimeWarning, match="stopped at 16 samples"):
         cube = render(wide, ONE, (8, 8), RenderSettings(error=1e-5, max_samples=16))
