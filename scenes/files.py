@@ -152,9 +152,13 @@ def _viewpoint(data: Any, shapes: tuple[Any, ...]) -> Any:
     fields = dict(_table(data, "viewpoint"))
     if "square_on" not in fields:
         return _build(fields, VIEWPOINT_KINDS, "viewpoint", None)
-    makers = {"orthographic": (orthographic_on, ()), "perspective": (perspective_on, ()), "thin-lens": (lens_on, ("aperture_m",))}
+    makers: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
+        "orthographic": (orthographic_on, ()),
+        "perspective": (perspective_on, ()),
+        "thin-lens": (lens_on, ("aperture_m",)),
+    }
     kind = fields.get("kind")
-    if kind not in makers:
+    if not isinstance(kind, str) or kind not in makers:
         raise InputError("viewpoint.kind", kind, f"one of {', '.join(makers)}{did_you_mean(str(kind), makers)}")
     make, more = makers[kind]
     require_keys(fields, ("kind", "square_on", "distance", *more), "viewpoint")

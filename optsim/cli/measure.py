@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from optsim.cli.modelled import budget_plan, modelled_camera, pattern_named, warn_of_ratio
-from optsim.cli.words import PAPER, Output, mask_rule, sensor_named, wrote
+from optsim.cli.words import PAPER, Output, knowledge_named, mask_rule, sensor_named, wrote
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,7 +23,10 @@ def measure(
     /,
     *,
     output: Output,
-    sensor: Annotated[Literal["mono", "bayer", "foveon"], Parameter(help="Which sensor.")],
+    sensor: Annotated[
+        Literal["mono", "bayer", "foveon", "mono-silicon", "foveon-physical", "quattro"],
+        Parameter(help="Measured curves (mono: flat), or modelled from silicon: mono-silicon, foveon-physical, quattro."),
+    ],
     shots: Annotated[int, Parameter(help="Exposures L; R = L/K for mono, 3L/K for colour.")],
     masks: Annotated[Literal["distinct", "repeated"], Parameter(help="`repeated`: each three mono shots share one mask.")] = "distinct",
     physical: Annotated[
@@ -58,6 +61,16 @@ def measure(
     pattern: Annotated[
         str, Parameter(help="What the masks show: bernoulli, stratified, complementary, blue-noise, or a PNG or NPY file.")
     ] = "bernoulli",
+    curves: Annotated[
+        Path | None, Parameter(help="Sensor curves of your own: a CSV with wavelength_nm and mono, or red, green, blue.")
+    ] = None,
+    knows: Annotated[
+        Literal["exact", "camera", "unit-shift"],
+        Parameter(help="With --physical: what H in the file knows: all that is modelled, the columns of each band, or nothing."),
+    ] = "exact",
+    truth: Annotated[
+        Path | None, Parameter(help="With --physical: also write the cube at the mirrors, behind the camera's objective; score against it.")
+    ] = None,
     budget: Annotated[
         str | None,
         Parameter(help="With --physical: light budget A to F; --shots then counts colour shots, --exposure is a colour shot's."),
@@ -81,6 +94,8 @@ def measure(
         "--force": bool(force),
         "--without": bool(without),
         "--budget": budget is not None,
+        "--knows": knows != "exact",
+        "--truth": truth is not None,
     }
     for name, given in only_physical.items():
         if given and not physical:
@@ -91,7 +106,9 @@ def measure(
     if bits is not None and not 8 <= bits <= 16:
         raise InputError("--bits", bits, "from 8 to 16")
     writable(output, source=cube)
-    chosen, rule, shown = sensor_named(sensor), mask_rule(masks), pattern_named(pattern)
+    if truth is not None:
+        writable(truth, source=cube)
+    chosen, rule, shown = sensor_named(sensor, curves), mask_rule(masks), pattern_named(pattern)
     source = read_cube(cube)
     if physical:
         how = Exposure(
@@ -100,6 +117,7 @@ def measure(
             interpolate=Interpolate() if interpolate else None,
             seed=seed,
             masks_name=masks,
+            shifts=knowledge_named(knows),
         )
         if budget is not None:
             plan = budget_plan(budget, chosen, shots, exposure)
@@ -109,8 +127,10 @@ def measure(
         samples = int(source.attrs.get("oversample", 1))
         size = (source.sizes["y"] // samples, source.sizes["x"] // samples)
         optics = modelled_camera(optics, table, size, 1e-3 if error is None else error, force, without)
-        if optics.objective.focal_mm is not None:
-            source = through_objective(source, optics, samples)
+        source = through_objective(source, optics, samples)
+        if truth is not None:
+            write(source, truth)
+            wrote(truth, source["radiance"].shape, "(y, x, wavelength), at the mirrors")
         drawn = masks_for(chosen, shots, mask_rule(how.masks_name), size, seed, shown)
         warn_of_ratio(chosen, shots, table.count)
         frames = photograph(source, table, optics, chosen, drawn, how)

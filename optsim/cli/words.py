@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from optsim.camera import Sensor
     from optsim.camera.dmd import MaskRule
+    from optsim.camera.knowledge import Knowledge
     from recon.basis import Basis
     from recon.problem import Solver
     from recon.tuning import TauChoice
@@ -42,11 +43,38 @@ def find_scene(word: str) -> Scene:
     return scene_by_name(word).build()
 
 
-def sensor_named(word: str) -> Sensor:
-    """Return the sensor of that name."""
-    from optsim.camera import sensors
+def sensor_named(word: str, curves: Path | None = None) -> Sensor:
+    """Return the sensor of that name, with the curves of a CSV file if one is given.
 
-    return {sensor.name: sensor for sensor in sensors()}[word]
+    Raises:
+        InputError: ``--sensor``, ``--curves``.
+    """
+    from optsim.camera import Bayer, Foveon, Mono
+    from optsim.camera.quattro import Quattro
+
+    made: dict[str, Callable[[], Sensor]] = {"mono": Mono, "bayer": Bayer.nikon, "foveon": Foveon.sigma}
+    made |= {"mono-silicon": Mono.silicon, "foveon-physical": Foveon.physical, "quattro": Quattro.physical}
+    own: dict[str, Callable[[Path], Sensor]] = {
+        "mono": Mono.from_csv,
+        "bayer": Bayer.from_csv,
+        "foveon": Foveon.from_csv,
+        "quattro": Quattro.from_csv,
+    }
+    if word not in made:
+        raise InputError("--sensor", word, f"one of {', '.join(made)}")
+    if curves is None:
+        return made[word]()
+    if word not in own:
+        raise InputError("--curves", str(curves), f"given with --sensor {', '.join(own)}")
+    return own[word](curves)
+
+
+def knowledge_named(word: str) -> Knowledge:
+    """Return what H is to know of the camera."""
+    from optsim.camera import Exact, OwnShifts, UnitShift
+
+    known: dict[str, Knowledge] = {"exact": Exact(), "camera": OwnShifts(), "unit-shift": UnitShift()}
+    return known[word]
 
 
 def mask_rule(word: str) -> MaskRule:
