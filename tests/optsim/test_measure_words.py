@@ -56,3 +56,23 @@ def test_more_numbers_than_bands_are_warned_of(capsys):
     assert capsys.readouterr().err == ""
     warn_of_ratio(foveon, 9, 24)
     assert "R = 27/24 > 1" in capsys.readouterr().err
+
+
+def test_sensors_are_found_by_their_words_and_take_curves_of_ones_own(tmp_path):
+    from optsim.cli.words import sensor_named
+
+    assert sensor_named("quattro").layer_bins == (2, 2, 1)
+    assert sensor_named("mono-silicon").curves[0].maximum < 1
+    (tmp_path / "c.csv").write_text("wavelength_nm,mono\n400,0.2\n700,0.4\n")
+    assert sensor_named("mono", tmp_path / "c.csv").response(550.0)[0] == pytest.approx(0.3)
+    for word, curves, field in (("ccd", None, "--sensor"), ("foveon-physical", tmp_path / "c.csv", "--curves")):
+        with pytest.raises(InputError) as caught:
+            sensor_named(word, curves)
+        assert caught.value.field == field
+
+
+def test_what_h_knows_is_found_by_its_word():
+    from optsim.camera import Exact, OwnShifts, UnitShift
+    from optsim.cli.words import knowledge_named
+
+    assert [knowledge_named(word) for word in ("exact", "camera", "unit-shift")] == [Exact(), OwnShifts(), UnitShift()]
