@@ -62,7 +62,7 @@ def test_sensors_are_found_by_their_words_and_take_curves_of_ones_own(tmp_path):
     from optsim.cli.words import sensor_named
 
     assert sensor_named("quattro").layer_bins == (2, 2, 1)
-    assert sensor_named("mono-silicon").curves[0].maximum < 1
+    assert sensor_named("mono-silicon").response(650.0)[0] < sensor_named("mono-silicon").response(450.0)[0]
     (tmp_path / "c.csv").write_text("wavelength_nm,mono\n400,0.2\n700,0.4\n")
     assert sensor_named("mono", tmp_path / "c.csv").response(550.0)[0] == pytest.approx(0.3)
     for word, curves, field in (("ccd", None, "--sensor"), ("foveon-physical", tmp_path / "c.csv", "--curves")):
