@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -38,11 +39,10 @@ class Field:
     rays: tuple[Ray, ...] = (Ray(None, 1.0),)
 
     def side_px(self, wavelength_nm: float) -> tuple[float, float]:
-        """Return the sides (x, y) of the image of the mirror in the middle, in px."""
-        half = np.array([-0.5, 0.5]) * self.pitch
-        x, _, _ = self.place(wavelength_nm, half, 0.0)
-        _, y, _ = self.place(wavelength_nm, 0.0, half)
-        return abs(float(x[1] - x[0])), abs(float(y[1] - y[0]))
+        """Return the sides (x, y) in px of the upright rectangle that stands for the middle mirror's image (theory.md (C.39))."""
+        half = np.array([-0.5, 0.5, 0.0, 0.0]) * self.pitch
+        x, y, _ = self.place(wavelength_nm, half, half[::-1])
+        return math.hypot(x[1] - x[0], x[3] - x[2]), math.hypot(y[1] - y[0], y[3] - y[2])
 
     def trace(self, edges_nm: np.ndarray, across: np.ndarray, down: np.ndarray, ray: Ray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return displacements (dx, dy, valid), (..., down, across), against a grid of one pixel a mirror.
