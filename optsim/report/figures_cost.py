@@ -107,30 +107,38 @@ def _arms(intervals: Sequence[Mapping[str, float | None]]) -> np.ndarray:
 def draw_effects(report: Mapping[str, Any], path: Path) -> None:
     """Draw the ranking of ``optsim explain --camera --json``: shares of light wrong, and dB lost; the path's ending chooses the format."""
     rows = [row for row in report["effects"] if row["present"]]
-    sensors = list(dict.fromkeys(name for row in rows for name in row["loss_db"]))
+    priced = any(row["loss_db"] for row in rows)
     with styled():
-        figure = new_figure(9.5, 1.2 + 0.42 * max(3, len(rows)))
-        share, decibels = figure.subplots(1, 2, sharey=True)
-        y = np.arange(len(rows))
-        colors = [COLORS["foveon"] if row["required"] else MUTED for row in rows]
-        share.scatter([row["relative"] for row in rows], y, c=colors, s=28, zorder=3)
-        share.axvline(report["error"], color=INK, lw=0.8, ls=":")
-        share.set_xscale("log")
-        share.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        share.xaxis.set_minor_formatter(lambda value, _: "")
-        share.set_yticks(y, [row["name"] for row in rows])
-        share.invert_yaxis()
-        share.set_xlabel("share of light wrong without it")
-        share.set_title(f"Size; an error of {report['error']:g} requires the red ones")
-        for s, sensor in enumerate(sensors):
-            there = [i for i, row in enumerate(rows) if sensor in row["loss_db"]]
-            values = [rows[i]["loss_db"][sensor] for i in there]
-            place = np.array(there) + (s - (len(sensors) - 1) / 2) * 0.22
-            mean = [value["mean"] for value in values]
-            decibels.errorbar(mean, place, xerr=_arms(values), fmt=MARKERS[sensor], color=COLORS[sensor], label=sensor, lw=1.2)
-        decibels.axvline(0, color=MUTED, lw=0.7)
-        decibels.set_xlabel("dB lost when H leaves it out, mean and 95 % interval")
-        decibels.set_title(f"Cost, on {report['size']} x {report['size']} mirrors")
-        if sensors:
-            decibels.legend(loc="lower right")
+        figure = new_figure(9.5 if priced else 5.5, 1.2 + 0.42 * max(3, len(rows)))
+        panels = np.ravel(figure.subplots(1, 2 if priced else 1, sharey=True, squeeze=False))
+        _draw_shares(panels[0], report, rows)
+        if priced:
+            _draw_prices(panels[1], report, rows)
         figure.savefig(path, dpi=150)
+
+
+def _draw_shares(share: Axes, report: Mapping[str, Any], rows: list[Mapping[str, Any]]) -> None:
+    colors = [COLORS["foveon"] if row["required"] else MUTED for row in rows]
+    share.scatter([row["relative"] for row in rows], np.arange(len(rows)), c=colors, s=28, zorder=3)
+    share.axvline(report["error"], color=INK, lw=0.8, ls=":")
+    share.set_xscale("log")
+    share.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    share.xaxis.set_minor_formatter(lambda value, _: "")
+    share.set_yticks(np.arange(len(rows)), [row["name"] for row in rows])
+    share.invert_yaxis()
+    share.set_xlabel("share of light wrong without it")
+    share.set_title(f"Size; an error of {report['error']:g} requires the red ones")
+
+
+def _draw_prices(decibels: Axes, report: Mapping[str, Any], rows: list[Mapping[str, Any]]) -> None:
+    sensors = list(dict.fromkeys(name for row in rows for name in row["loss_db"]))
+    for s, sensor in enumerate(sensors):
+        there = [i for i, row in enumerate(rows) if sensor in row["loss_db"]]
+        values = [rows[i]["loss_db"][sensor] for i in there]
+        place = np.array(there) + (s - (len(sensors) - 1) / 2) * 0.22
+        mean = [value["mean"] for value in values]
+        decibels.errorbar(mean, place, xerr=_arms(values), fmt=MARKERS[sensor], color=COLORS[sensor], label=sensor, lw=1.2)
+    decibels.axvline(0, color=MUTED, lw=0.7)
+    decibels.set_xlabel("dB lost when H leaves it out, mean and 95 % interval")
+    decibels.set_title(f"Cost, on {report['size']} x {report['size']} mirrors")
+    decibels.legend(loc="lower right")
