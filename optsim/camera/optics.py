@@ -17,7 +17,7 @@ from optsim.camera.mount import MirrorMount, SensorMount, sharp_slope
 from optsim.camera.prism import Dispersion
 from optsim.camera.psf import airy_otf, disc_otf
 from optsim.camera.pupil import Pupil, rings
-from optsim.camera.stack import DESIGN_NM, Prism
+from optsim.camera.stack import DESIGN_NM, Chief, Prism
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,6 +86,19 @@ class Optics:
             scale = 1000 / self.camera.sensor.pitch_um
             x, y = x_mm * scale + self._origin_px, y_mm * scale
         return np.where(valid, x + dmd.offset_x_px, 0.0), np.where(valid, y + dmd.offset_y_px, 0.0), valid
+
+    def chief(self, wavelength_nm: ArrayLike) -> Chief:
+        """Return where chief rays of the mirrors' middle land, in mm from the optical axis, without the registration's offset.
+
+        Raises:
+            InputError: ``wavelength_nm`` outside a glass's range; ``table`` for a table, which knows no optical axis.
+        """
+        if not isinstance(self.dispersion, Prism):
+            raise InputError("table", "a table of centres", "a prism: a table knows no optical axis")
+        if self._straight:
+            return self.dispersion.chief(wavelength_nm)
+        x, y, valid = self._arm.land(self._beam(wavelength_nm, 0.0, 0.0, None), self._sensor)
+        return Chief(self._distorted(x, y, valid)[0], valid)
 
     def transmission(
         self, wavelength_nm: ArrayLike, X_mm: ArrayLike = 0.0, Y_mm: ArrayLike = 0.0, pupil: ArrayLike | None = None

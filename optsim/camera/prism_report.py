@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +12,9 @@ from optsim.camera.prism import Dispersion, DoubleAmici
 from optsim.camera.stack import Prism
 from optsim.cube import PAPER_CENTERS_NM
 from optsim.errors import InputError
+
+if TYPE_CHECKING:
+    from optsim.camera.optics import Optics
 
 RANGE_NM = (450.0, 670.0)
 MARGIN_PX = 0.05
@@ -67,11 +70,11 @@ def prism_report(
     }
 
 
-def chief_rays(dispersion: Dispersion, wavelength_nm: ArrayLike, pixel_um: float) -> dict[str, list[float | None] | list[bool]]:
+def chief_rays(path: Prism | Optics, wavelength_nm: ArrayLike, pixel_um: float) -> dict[str, list[float | None] | list[bool]]:
     """Tell where chief rays along the axis land, unrounded.
 
     Args:
-        dispersion: a traced prism.
+        path: a traced prism, or the path from the mirrors through one.
         wavelength_nm: any wavelengths in the glasses' ranges.
         pixel_um: the sensor's pitch.
 
@@ -80,12 +83,10 @@ def chief_rays(dispersion: Dispersion, wavelength_nm: ArrayLike, pixel_um: float
         positions of lost light are None.
 
     Raises:
-        InputError: ``--at`` for a table, which knows no optical axis; ``wavelength_nm``.
+        InputError: ``table`` for a camera with a table, which knows no optical axis; ``wavelength_nm``.
     """
-    if not isinstance(dispersion, Prism):
-        raise InputError("--at", type(dispersion).__name__, "given for a camera with a [prism]: a table of centres has no optical axis")
     nm = np.atleast_1d(np.asarray(wavelength_nm, np.float64))
-    position, passes = dispersion.chief(nm)
+    position, passes = path.chief(nm)
     pitch_mm = pixel_um / 1000
     return {
         "wavelength_nm": nm.tolist(),

@@ -11,21 +11,30 @@ from optsim.camera.calibrate.jacobian import jacobian
 from optsim.camera.calibrate.parameters import Tolerances
 from optsim.camera.calibrate.prism_model import PrismModel, prism_model
 from optsim.camera.calibrate.simulate import spot_grid
+from optsim.camera.effects import effect_named, reduced
+from optsim.camera.glass import AIR
 from optsim.camera.stack import Prism
 
 if TYPE_CHECKING:
     from optsim.camera.camera import CameraConfig
+    from optsim.camera.optics import Optics
 
 SPOT_SIGMA_PX = 0.1
 SPOT_WAVELENGTHS = 24
 FIELD = (256, 256)
 
 
+def beam_path(camera: CameraConfig) -> Optics:
+    """Return the prism in the beam in which it stands; registration, tilt, defocus and distortion are left out."""
+    kept = [effect_named(name) for name in ("smile", "fresnel", "converging")]
+    return reduced(camera, [effect for effect in kept if effect.present(camera)]).optics
+
+
 def smile(camera: CameraConfig, wavelength_nm: np.ndarray, size: tuple[int, int] = FIELD) -> dict[str, Any]:
     """Tell how the dispersion changes over the field, against the axial curve and the magnification.
 
     Args:
-        camera: its prism or table alone; registration, tilt and distortion are left out.
+        camera: its prism or table alone, see :func:`beam_path`.
         wavelength_nm: (n,) wavelengths.
         size: (rows, columns) of mirrors; the field's edges are half of them away from its middle.
 
@@ -34,7 +43,7 @@ def smile(camera: CameraConfig, wavelength_nm: np.ndarray, size: tuple[int, int]
         lower edge's is the same), ``keystone_px`` (y at the upper edge less magnification x Y), ``left_px`` and ``right_px``
         (x at the left and right edge less the middle's and magnification x X). Lost light gives None.
     """
-    dispersion = camera.dispersion
+    dispersion = beam_path(camera)
     half_y, half_x = (count / 2 * camera.dmd.pitch_um / 1000 for count in size)
     scale = dispersion.magnification_px
     x0, _, ok0 = dispersion.position_px(wavelength_nm)
@@ -109,7 +118,9 @@ def told_apart(camera: CameraConfig, sigma_px: float = SPOT_SIGMA_PX, tolerances
 
 
 def study(camera: CameraConfig, draws: int = 2000, seed: int = 0) -> dict[str, Any]:
-    """Return smile, sensitivities, identifiable combinations and tolerances; the last three are None for a table.
+    """Return smile, sensitivities, identifiable combinations and tolerances.
+
+    The last three hold in collimated light: they are None for a table, without glass and in a converging beam.
 
     Raises:
         InputError: ``--draws``, ``--seed``, or ``wavelength_nm`` when the band-pass leaves a glass's range.
@@ -118,7 +129,8 @@ def study(camera: CameraConfig, draws: int = 2000, seed: int = 0) -> dict[str, A
 
     nm = np.linspace(camera.bandpass.lower_nm, camera.bandpass.upper_nm, 45)
     report: dict[str, Any] = {"smile": smile(camera, nm), "jacobian": None, "identifiability": None, "tolerance": None}
-    if isinstance(camera.dispersion, Prism):
+    prism = camera.dispersion
+    if isinstance(prism, Prism) and not camera.relay.converging and any(medium != AIR for medium in prism.media):
         report["jacobian"] = sensitivity(camera, nm)
         report["identifiability"] = told_apart(camera)
         report["tolerance"] = tolerance_study(camera, nm, draws, seed)

@@ -124,7 +124,8 @@ class Prism(Model, ABC):
             InputError: field ``wavelength_nm`` outside a glass's range.
         """
         x, _, valid = self.trace(NUMPY, self._checked(wavelength_nm), 0.0, 0.0, self.values)
-        return Chief(np.asarray(x), np.asarray(valid))
+        x, valid, _ = np.broadcast_arrays(x, valid, wavelength_nm)
+        return Chief(x, valid)
 
     def position_px(
         self, wavelength_nm: ArrayLike, X_mm: ArrayLike = 0.0, Y_mm: ArrayLike = 0.0
@@ -145,6 +146,7 @@ class Prism(Model, ABC):
         scale = 1000 / self.pixel_um
         if self.field:
             x_mm, y_mm, valid = self.trace(NUMPY, self._checked(wavelength_nm), X, Y, self.values)
+            x_mm, _ = np.broadcast_arrays(x_mm, wavelength_nm)  # air alone knows no wavelength
         else:
             x_mm, valid = self.chief(wavelength_nm)
             x_mm, y_mm = x_mm + self.relay.magnification * X, self.relay.magnification * Y
@@ -158,12 +160,14 @@ class Prism(Model, ABC):
             InputError: as :meth:`position_px`.
         """
         wavelength, X, Y = self._checked(wavelength_nm), field_points(X_mm, "X_mm"), field_points(Y_mm, "Y_mm")
+        shape = np.broadcast_shapes(wavelength.shape, X.shape, Y.shape)
         if not self.field:
-            wavelength, _, _ = np.broadcast_arrays(wavelength, X, Y)
             X = Y = np.zeros(())
-        if not self.fresnel:
-            return self.directions(NUMPY, wavelength, X, Y, self.values).valid.astype(np.float64)
-        return np.asarray(self.transmittance(NUMPY, wavelength, X, Y, self.values))
+        if self.fresnel:
+            share = np.asarray(self.transmittance(NUMPY, wavelength, X, Y, self.values))
+        else:
+            share = np.asarray(self.directions(NUMPY, wavelength, X, Y, self.values).valid, np.float64)
+        return share if share.shape == shape else np.broadcast_to(share, shape).copy()
 
     def wavelength_at(self, position_px: ArrayLike) -> np.ndarray:
         """Return the wavelengths in nm that land at positions of the axis; see :func:`optsim.camera.inverse.wavelength_at`."""

@@ -31,16 +31,17 @@ def prism(
     """Study a camera's prism: dispersion, bands, smile, what its numbers do, what tolerances and nonlinearity cost."""
     from optsim.camera import CameraConfig, plot_prism, prism_report
     from optsim.camera.prism_report import chief_rays
-    from optsim.camera.prism_study import study
+    from optsim.camera.prism_study import beam_path, study
 
     target(plot, "--plot", FIGURES)
     if quick and cost is None:
         raise InputError("--quick", quick, "given with --cost")
     config = CameraConfig() if camera is None else CameraConfig.from_toml(camera)
+    path = beam_path(config)
     if at is not None:
-        _at(chief_rays(config.dispersion, _wavelengths(at), config.sensor.pitch_um), json)
+        _at(chief_rays(path, _wavelengths(at), config.sensor.pitch_um), json)
         return
-    report = prism_report(config.dispersion, range_nm=(config.bandpass.lower_nm, config.bandpass.upper_nm))
+    report = prism_report(path, range_nm=(config.bandpass.lower_nm, config.bandpass.upper_nm))
     report.update(study(config, draws, seed))
     if plot is not None:
         plot_prism(report, plot)
@@ -89,6 +90,8 @@ def _print(report: dict[str, Any]) -> None:
     print("band   px      centre nm   edges nm            width nm" + ("   centre - paper's nm" if paper else ""))
     for k, (px, center) in enumerate(zip(report["band_px"], report["band_center_nm"])):
         if MANY // 2 <= k < len(report["band_px"]) - MANY // 2:
+            if k == MANY // 2:
+                print(f" ...   {len(report['band_px']) - MANY // 2 * 2} more; --json lists all")
             continue
         against = f"   {paper[k]:+8.2f}" if k in paper else ""
         print(f"{k:4d}   {px:5.0f}   {center:9.2f}   {edges[k]:7.2f} - {edges[k + 1]:7.2f}   {edges[k + 1] - edges[k]:8.2f}{against}")
@@ -103,6 +106,8 @@ def _print(report: dict[str, Any]) -> None:
     print(f"at X = -{smile['X_mm']:.2f} and +{smile['X_mm']:.2f} mm: {_span(smile['left_px'])} and {_span(smile['right_px'])} px")
     if report["tolerance"] is not None:
         _print_tolerance(report)
+    else:
+        print("no sensitivities and tolerances: they are told for glass wedges in collimated light")
     if "cost" in report:
         print("\nwhat H believes, and the dB that it costs against exact weights (mean over masks and scenes, 95 % interval)")
         for loss in report["cost"]["losses"]:

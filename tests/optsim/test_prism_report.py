@@ -120,7 +120,7 @@ def test_P5_chief_rays_that_are_lost_have_no_position():
     assert rays["position_mm"][0] is None
     assert rays["position_px"][0] is None
     with pytest.raises(InputError, match="no optical axis"):
-        chief_rays(CenterTable(), [500.0], 9.9)
+        chief_rays(CameraConfig.parse_toml("[table]").optics, [500.0], 9.9)
 
 
 def test_the_figure_has_units_on_its_axes(tmp_path):

@@ -103,3 +103,40 @@ def test_misuse_exits_with_2_and_names_the_field(words, field, tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     assert optsim(*words) == 2
     assert field in capsys.readouterr().err
+
+
+def test_a_prism_in_a_converging_beam_is_studied_in_that_beam(tmp_path, capsys):
+    """What the verb prints is where the camera's own path lays light, not the collimated curve of the same glass."""
+    (tmp_path / "camera.toml").write_text("[relay]\nconverging = true\n[dmd]\noffset_x_px = 3.0\nrotation_deg = 1.0\n")
+    assert optsim("prism", "--camera", tmp_path / "camera.toml", "--at", "455,660", "--json") == 0
+    first, last = json.loads(capsys.readouterr().out)["position_px"]
+    x, _, _ = CameraConfig.from_toml(tmp_path / "camera.toml").optics.position_px([455.0, 660.0])
+    assert last - first == pytest.approx(x[1] - x[0], abs=1e-9)
+    straight, _, _ = CameraConfig().optics.position_px([455.0, 660.0])
+    assert abs((last - first) - (straight[1] - straight[0])) > 0.5
+    assert optsim("prism", "--camera", tmp_path / "camera.toml", "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    place = report["wavelength_nm"].index(455.0), report["wavelength_nm"].index(660.0)
+    assert report["position_px"][place[1]] - report["position_px"][place[0]] == pytest.approx(x[1] - x[0], abs=1e-9)
+    assert report["tolerance"] is None
+    assert optsim("prism", "--camera", tmp_path / "camera.toml") == 0
+    assert "in collimated light" in capsys.readouterr().out
+
+
+def test_faces_without_glass_disperse_nothing(tmp_path, capsys):
+    (tmp_path / "camera.toml").write_text('[prism]\nglasses = ["air"]\nface_tilt_deg = [10.0, -10.0]\n')
+    assert optsim("prism", "--camera", tmp_path / "camera.toml", "--at", "450,650", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["position_mm"] == [0.0, 0.0]
+    assert optsim("prism", "--camera", tmp_path / "camera.toml", "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["folds"]
+    assert set(report["nm_per_px"]) == {None}
+
+
+def test_a_long_list_of_bands_says_what_it_leaves_out(tmp_path, capsys):
+    (tmp_path / "camera.toml").write_text(USERS)
+    assert optsim("prism", "--camera", tmp_path / "camera.toml", "--draws", 100) == 0
+    lines = capsys.readouterr().out.splitlines()
+    left_out = next(line for line in lines if "..." in line)
+    shown = [line for line in lines if line[:4].strip().isdigit() and line.count(".") >= 4]
+    assert len(shown) + int(left_out.split()[1]) == int(shown[-1].split()[0]) + 1
