@@ -1,33 +1,69 @@
-"""From transport replicates to band radiances: means, standard errors, and the error that decides when to stop."""
+"""From transport replicates to band radiances: means, standard errors, and the error of a picture with its confidence."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from optsim.render.replicates import Replicates
+from optsim.render.tiles import Tiles
 
-PIXELS_A_BLOCK = 2**16
 FLOAT32_LEVELS = (1e-25, 1e30)
 """Mean radiances between these keep at least 12 decades below them in float32."""
+CONFIDENCE = 0.95
 
 
-def relative_errors(groups: list[Replicates], weights: list[np.ndarray]) -> np.ndarray:
-    """Estimate each band's RMS standard error over the picture, divided by the band's mean radiance.
-
-    Node errors are added as if fully correlated within a group, which they nearly are, as one path carries all nodes: an upper
-    bound. Groups are independent (theory.md (R.28)). A black band has error 0.
+@dataclass(frozen=True)
+class TileNoise:
+    """Hold the noise of a part of a picture.
 
     Args:
-        groups: replicates of shape (n, pixels), at least two each.
-        weights: (K, n) band weights of each group.
+        squares: (tiles, K) sums over each tile's pixels of the variance of a band's mean radiance.
+        levels: (tiles, K) sums over each tile's pixels of the radiance.
+        sizes: (tiles,) pixels of each tile.
     """
-    squares, means = 0.0, 0.0
+
+    squares: np.ndarray
+    levels: np.ndarray
+    sizes: np.ndarray
+
+    @property
+    def pixels(self) -> int:
+        """Return the number of pixels."""
+        return int(self.sizes.sum())
+
+    @property
+    def level(self) -> np.ndarray:
+        """Return the (K,) sums of the radiance."""
+        return self.levels.sum(0)
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Return each band's RMS standard error over the part divided by its mean radiance; a black band has error 0."""
+        size, mean = np.sqrt(self.squares.sum(0) / self.pixels), self.level / self.pixels
+        return np.divide(size, mean, out=np.zeros_like(size), where=mean > 0)
+
+
+def tile_noise(groups: list[Replicates], weights: list[np.ndarray], part: Tiles) -> TileNoise:
+    """Estimate the noise of each tile and band from the scatter of the passes (theory.md (R.43)); at least two passes."""
+    shape = (part.count, len(weights[0]))
+    squares, levels = np.zeros(shape), np.zeros(shape)
     for group, weight in zip(groups, weights):
-        squares = squares + (np.abs(weight) @ np.sqrt(group.squared_error().mean(1))) ** 2
-        means = means + weight @ group.mean.mean(1)
-    errors, level = np.sqrt(np.asarray(squares)), np.asarray(means)
-    return np.divide(errors, level, out=np.zeros_like(errors), where=level > 0)
+        count = np.zeros(part.count, np.int64)
+        count[part.of_pixel] = group.counts
+        assert group.band_scatter is not None
+        squares += group.band_scatter / (count * (count - 1))[:, None]
+        with threadpool_limits(1):
+            for block in part.blocks():
+                levels += part.sums(weight @ group.mean[:, block], block)
+    return TileNoise(squares, levels, part.sizes)
+
+
+def joined(parts: list[TileNoise]) -> TileNoise:
+    """Put the tiles of all parts of a picture together."""
+    return TileNoise(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("squares", "levels", "sizes")))
 
 
 def relative_bound(radiance: np.ndarray, bound: np.ndarray) -> np.ndarray:
@@ -42,24 +78,59 @@ def kept_as(level: float) -> type[np.float32] | type[np.float64]:
     return np.float32 if level == 0 or FLOAT32_LEVELS[0] < level < FLOAT32_LEVELS[1] else np.float64
 
 
-def band_radiance(groups: list[Replicates], weights: list[np.ndarray], pixels: int) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return (pixels, K) radiance and standard error (None with a single pass), theory.md (R.24) and (R.28).
-
-    They are float32, or float64 when the picture is so dim or so bright that float32 would lose it.
-    """
+def band_radiance(groups: list[Replicates], weights: list[np.ndarray], part: Tiles) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return (pixels, K) float64 radiance and standard error (None with a single pass), theory.md (R.24) and (R.28)."""
     count = len(weights[0])
-    level = max(float(np.max(weight @ group.mean.mean(1))) for group, weight in zip(groups, weights))
-    dtype = kept_as(level)
-    radiance = np.zeros((pixels, count), dtype)
-    stderr = np.zeros((pixels, count), dtype) if all(group.count > 1 for group in groups) else None
+    radiance = np.zeros((part.pixels, count))
+    stderr = np.zeros((part.pixels, count)) if all(group.count > 1 for group in groups) else None
     with threadpool_limits(1):  # one BLAS thread: the same bytes whatever the number of cores
-        for start in range(0, pixels, PIXELS_A_BLOCK):
-            block = slice(start, start + PIXELS_A_BLOCK)
+        for block in part.blocks():
             radiance[block] = sum(group.mean[:, block].T @ weight.T for group, weight in zip(groups, weights))
             if stderr is not None:
                 variance = sum(
-                    (np.sqrt(group.scatter[:, block].T / (group.count * (group.count - 1))) @ np.abs(weight).T) ** 2
+                    (np.sqrt(group.scatter[:, block].T / (group.counts[block] * (group.counts[block] - 1))[:, None]) @ np.abs(weight).T)
+                    ** 2
                     for group, weight in zip(groups, weights)
                 )
                 stderr[block] = np.sqrt(variance)
     return radiance, stderr
+
+
+class ErrorBars:
+    """Gather over the parts of a picture what its error and the error's confidence interval need (theory.md (R.44)).
+
+    Args:
+        count: K.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._squares, self._level = np.zeros(count), np.zeros(count)
+        self._sum, self._fourth, self._fourth_share = np.zeros(count), np.zeros(count), np.zeros(count)
+        self._pixels = 0
+
+    def add(self, noise: TileNoise, stderr: np.ndarray, counts: np.ndarray) -> None:
+        """Take in a part: its noise, its standard errors (pixels, K) and the passes of every pixel."""
+        self._squares += noise.squares.sum(0)
+        self._level += noise.level
+        self._pixels += noise.pixels
+        square = stderr * stderr
+        fourth = square * square * ((counts - 1) / (counts + 1))[:, None]  # unbiased for the squared variance
+        self._sum += square.sum(0)
+        self._fourth += fourth.sum(0)
+        self._fourth_share += (fourth / (counts - 1)[:, None]).sum(0)
+
+    def bounds(self) -> np.ndarray:
+        """Return (3, K): relative RMS error, and the ends of the 95 % interval of what was really made."""
+        from scipy.special import fdtri
+
+        mean = self._level / max(1, self._pixels)
+        error = np.sqrt(self._squares / max(1, self._pixels))
+        error = np.divide(error, mean, out=np.zeros_like(error), where=mean > 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            made, told = self._sum**2 / self._fourth, self._sum**2 / self._fourth_share
+        tail = (1 - CONFIDENCE) / 2
+        found = [error]
+        for probability in (tail, 1 - tail):
+            factor = np.sqrt(fdtri(np.where(made > 0, made, 1), np.where(told > 0, told, 1), probability))
+            found.append(np.where(error > 0, error * factor, 0))
+        return np.array(found)

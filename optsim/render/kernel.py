@@ -14,6 +14,7 @@ from optsim.render.bundle import Bundle
 from optsim.render.engine import dr, mi
 from optsim.render.frame import CameraRays
 from optsim.render.sampling import FirstNumbers, PathSampler, seed_words
+from optsim.render.tiles import Samples
 
 SAMPLES_A_LAUNCH = 4096
 """Float32 sums inside a kernel stay this short; launches are added in float64."""
@@ -31,36 +32,40 @@ class Integrator(Protocol):
         ...
 
 
-def trace(integrator: Integrator, rays: CameraRays, size: tuple[int, int], samples: int, key: tuple[int, ...]) -> tuple[np.ndarray, float]:
+def trace(
+    integrator: Integrator, rays: CameraRays, size: tuple[int, int], samples: Samples, key: tuple[int, ...]
+) -> tuple[np.ndarray, float]:
     """Render one independent pass.
 
     Args:
         integrator: what to trace.
         rays: the camera.
         size: picture (height, width).
-        samples: paths a pixel.
+        samples: paths of each pixel, 0 or more.
         key: whole numbers that name the pass: seed, light group, pass. Other keys give independent noise.
 
     Returns:
-        (nodes, height x width) float64 mean transport, and the mean share of light cut off by the depth limit.
+        (nodes, pixels) float64 mean transport, 0 without paths, and the mean share of light cut off by the depth limit.
     """
-    height, width = size
+    width, pixels = size[1], samples.counts.size
     bundle = integrator.bundle
-    total = np.zeros((bundle.lanes * bundle.nodes, height * width))
+    total = np.zeros((bundle.lanes * bundle.nodes, pixels))
     cut = 0.0
-    rows = max(1, min(height, VALUES_A_TILE // (width * len(total))))
+    step = max(1, VALUES_A_TILE // (width * len(total))) * width
     shift = seed_words(*key, 0)
     with dr.suspend_grad():
-        for top in range(0, height, rows):
-            pixels = slice(top * width, min(top + rows, height) * width)
-            for launch, start in enumerate(range(0, samples, SAMPLES_A_LAUNCH)):
-                count = min(SAMPLES_A_LAUNCH, samples - start)
-                sums = _launch(integrator, rays, size, pixels, (start, count), shift, seed_words(*key, launch + 1))
+        for first in range(0, pixels, step):
+            here = slice(first, min(first + step, pixels))
+            counts = samples.counts[here]
+            for launch, start in enumerate(range(0, int(counts.max(initial=0)), SAMPLES_A_LAUNCH)):
+                stop = np.minimum(counts, start + SAMPLES_A_LAUNCH).astype(np.uint32)
+                words = seed_words(*key, launch + 1)
+                sums = _launch(integrator, rays, size, samples.first + first, (start, stop), shift, words)
                 for n in range(bundle.nodes):
-                    total[n :: bundle.nodes, pixels] += np.array(sums[n]).reshape(bundle.lanes, -1)
+                    total[n :: bundle.nodes, here] += np.array(sums[n]).reshape(bundle.lanes, -1)
                 cut += float(np.sum(np.array(sums[-1]), dtype=np.float64)) / bundle.lanes
-    total /= samples
-    return total, cut / (samples * height * width)
+    total /= np.maximum(samples.counts, 1)
+    return total, cut / max(1, int(samples.counts.sum(dtype=np.int64)))
 
 
 class _Lens:
@@ -85,14 +90,16 @@ class _Lens:
 
 @dr.syntax
 def _launch(
-    integrator: Any, rays: Any, size: Any, pixels: slice, samples: tuple[int, int], shift: tuple[int, int], words: tuple[int, int]
+    integrator: Any, rays: Any, size: Any, first: int, samples: tuple[int, np.ndarray], shift: tuple[int, int], words: tuple[int, int]
 ) -> Any:
     bundle = integrator.bundle
     height, width = (dr.opaque(mi.UInt32, side) for side in size)
-    count = pixels.stop - pixels.start
+    start_at, stop_at = samples
+    count = stop_at.size
     thread = dr.arange(mi.UInt32, bundle.lanes * count)
     lane = thread // dr.opaque(mi.UInt32, count)
-    pixel = thread - lane * dr.opaque(mi.UInt32, count) + dr.opaque(mi.UInt32, pixels.start)
+    own = thread - lane * dr.opaque(mi.UInt32, count)
+    pixel = own + dr.opaque(mi.UInt32, first)
     column, row = mi.Float(pixel % width), mi.Float(pixel // width)
     sampler = PathSampler(pixel, shift, words, rays.has_lens)
     stream = sampler.stream
@@ -103,8 +110,8 @@ def _launch(
     lens = _Lens(rays)
     sums = [bundle.dark() for _ in range(bundle.groups)]
     cut = mi.Float(0)
-    index = dr.opaque(mi.UInt32, samples[0])
-    stop = dr.opaque(mi.UInt32, samples[0] + samples[1])
+    index = dr.opaque(mi.UInt32, start_at)
+    stop = dr.gather(mi.UInt32, mi.UInt32(stop_at), own)
     while index < stop:
         x, y, numbers, place = sampler.first(index)
         a = 2 * (column + x) / mi.Float(width) - 1

@@ -16,7 +16,8 @@ from optsim.cube import Bands, make_cube
 from optsim.render.backend import start, versions
 from optsim.render.canonical import canonical
 from optsim.render.cells import NotFlat
-from optsim.render.estimate import band_radiance, kept_as, relative_bound
+from optsim.render.choice import Physics
+from optsim.render.estimate import ErrorBars, band_radiance, kept_as, relative_bound
 from optsim.render.flat import FlatPicture
 from optsim.render.passes import Progress, Renderable, State, run
 from optsim.render.settings import RenderSettings, film_size
@@ -82,11 +83,11 @@ def _without_samples(
                 progress(here.stop / task.pixels, None)
     except NotFlat:
         return None
-    error = float(relative_bound(radiance, bound).max(initial=0.0))
-    if error > settings.tolerance:
+    error = relative_bound(radiance, bound)
+    if error.max(initial=0.0) > settings.tolerance:
         return None
     attrs = _attrs(task, config_digest(task, bands)) | {"variant": "none", "llvm_version": "none"}
-    attrs |= {"samples_per_pixel": 0, "passes": 0, "error": error, "cut_share": 0.0}
+    attrs |= {"samples_per_pixel": 0, "passes": 0, "cut_share": 0.0} | told_error(np.stack([error, 0 * error, error]))
     return _checked(task, bands, radiance, bound, attrs)
 
 
@@ -125,7 +126,7 @@ def picture(
             warnings.warn(sentence, RuntimeWarning, stacklevel=3)
     digest = config_digest(task, bands)
     state = run(task, progress, Path(checkpoint) if checkpoint is not None else None, digest)
-    if settings.max_depth is None and state.cut > settings.tolerance / 10:
+    if settings.max_depth is None and Physics.INTERREFLECTION not in settings.without and state.cut > settings.tolerance / 10:
         warnings.warn(
             f"up to {state.cut:.2g} of the light was cut off after {task.max_depth} emissions; set max_depth to follow paths further",
             RuntimeWarning,
@@ -163,25 +164,41 @@ def _attrs(task: Renderable | FlatPicture, digest: str) -> Attrs:
         "integrator": task.route,
         "max_depth": task.max_depth,
         "transport_nodes": int(task.nodes.size),
+        "effects": json.dumps({row.pop("name"): row for row in task.needs.as_dict()["effects"]}),
     }
 
 
 def _cube(task: Renderable, bands: Bands, state: State, digest: str) -> xr.Dataset:
     backend = start()
-    if state.groups:
-        radiance, stderr = band_radiance(state.groups, task.weights, task.pixels)
-    else:
-        radiance = np.zeros((task.pixels, bands.count), np.float32)
-        stderr = np.zeros_like(radiance)
     attrs = _attrs(task, digest) | {
         "variant": backend.variant,
         "llvm_version": backend.llvm.version or "none",
         "samples_per_pixel": state.spent,
         "passes": state.passes,
-        "error": task.error(state.groups) if state.passes > 1 else 0.0,
         "cut_share": float(state.cut),
     }
-    return _checked(task, bands, radiance, stderr, attrs)
+    shape = (task.pixels, bands.count)
+    if not state.groups:
+        return _checked(task, bands, np.zeros(shape, np.float32), np.zeros(shape, np.float32), attrs | told_error(np.zeros((3, 1))))
+    radiance, stderr = band_radiance(state.groups, task.weights, state.part)
+    if stderr is not None:
+        bars = ErrorBars(bands.count)
+        bars.add(state.noise(task.weights), stderr, state.groups[0].counts)
+        attrs |= told_error(bars.bounds()) | {"samples_per_pixel_most": int(state.spent_by_tile.max())}
+    dtype = kept_as(float(radiance.mean(0).max()))
+    return _checked(task, bands, radiance.astype(dtype), None if stderr is None else stderr.astype(dtype), attrs)
+
+
+def told_error(bounds: np.ndarray) -> Attrs:
+    """Return the attributes that tell the error: of the worst band, with its 95 % interval, and of every band as JSON.
+
+    Args:
+        bounds: (3, K) error and ends of its interval, each relative to the band's mean.
+    """
+    worst = int(np.argmax(bounds[0]))
+    error, low, high = (float(x) for x in bounds[:, worst])
+    rows = {name: [float(f"{x:.4g}") for x in row] for name, row in zip(("error", "low", "high"), bounds)}
+    return {"error": error, "error_low": low, "error_high": high, "error_by_band": json.dumps(rows)}
 
 
 def _checked(task: Renderable | FlatPicture, bands: Bands, radiance: np.ndarray, stderr: np.ndarray | None, attrs: Attrs) -> xr.Dataset:

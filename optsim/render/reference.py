@@ -13,15 +13,16 @@ import numpy as np
 
 from optsim.cube import Bands
 from optsim.errors import InputError
+from optsim.render.choice import Physics
 from optsim.render.engine import BACKEND, mi
-from optsim.render.estimate import relative_errors
 from optsim.render.frame import Frame, camera_rays, frame_of
 from optsim.render.needs import explain
 from optsim.render.replicates import Replicates
 from optsim.render.sampling import seed_words
 from optsim.render.settings import RenderSettings
-from optsim.render.spectral import light_groups, transport_nodes
+from optsim.render.spectral import light_groups
 from optsim.render.textures import taken_apart
+from optsim.render.tiles import Samples, Tiles
 from optsim.render.translate import bsdf, load, tabulated, uniform
 from scenes.lights import GradientSky, PointLight
 from scenes.materials import Material
@@ -61,8 +62,9 @@ class FilmTransport:
         scene = taken_apart(scene)
         self.scene, self.film, self.settings = scene, film, settings
         self.pixels = film[0] * film[1]
-        self.needs = explain(scene, settings.tolerance)
-        if self.needs.dispersive:
+        self.needs = explain(scene, settings.tolerance, settings.choices)
+        scene = self.needs.modelled
+        if self.needs.on(Physics.DISPERSION):
             allowed = (
                 f"of glass without an Abbe number: Mitsuba's film ({BACKEND.variant}) does not disperse; set abbe to None or install LLVM"
             )
@@ -70,12 +72,12 @@ class FilmTransport:
         self.max_depth = settings.max_depth or self.needs.max_depth
         low, high = float(bands.lower.min()), float(bands.upper.max())
         frame = frame_of(scene)
-        nodes = transport_nodes(scene, low, high, self.needs.reflects_once and self.needs.all_diffuse)
+        nodes = self.needs.nodes_nm(bands)
         self.groups = light_groups(scene, low, high, frame.unit)
         emissions, own = [], bands
         if through_nodes:
             own, to_nodes = node_cells(nodes)
-            self.weights = [group.weights(nodes, bands) @ to_nodes for group in self.groups]
+            self.weights = [self.needs.weights(group, nodes, bands) @ to_nodes for group in self.groups]
             emissions = [{i: uniform(s) for i, s in zip(g.lights, g.strengths)} for g in self.groups]
         elif self.groups:
             scale = max(group.spectrum.maximum for group in self.groups)
@@ -93,23 +95,24 @@ class FilmTransport:
         self._scenes = [load(scene, frame, emission, surface, sensor(scene, frame, film, responses)) for emission in emissions]
         self._integrator = mi.load_dict({"type": "path", "max_depth": self.max_depth, "rr_depth": 5})
 
-    def empty(self) -> list[Replicates]:
+    @property
+    def tiles(self) -> Tiles:
+        """Return the whole picture as one tile: the film renders no parts."""
+        return Tiles(self.film, side=0)
+
+    def empty(self, part: Tiles) -> list[Replicates]:
         """Return fresh accumulators."""
-        return [Replicates((self.nodes.size, self.pixels)) for _ in self.groups]
+        return [Replicates((self.nodes.size, part.pixels), weights, part) for weights in self.weights]
 
-    def error(self, groups: list[Replicates]) -> float:
-        """Return the largest relative RMS error over the bands, as estimated from the scatter of the passes."""
-        return float(relative_errors(groups, self.weights).max()) if groups else 0.0
-
-    def trace(self, group: int, samples: int, key: tuple[int, ...]) -> tuple[np.ndarray, float]:
+    def trace(self, group: int, samples: Samples, key: tuple[int, ...]) -> tuple[np.ndarray, float]:
         """Render one pass of a group: (film bands, pixels) mean radiance; calls of over 2^32 paths are split."""
-        longest = max(1, MAX_PATHS_A_CALL // self.pixels)
+        longest, wanted = max(1, MAX_PATHS_A_CALL // self.pixels), int(samples.counts.max())
         total = np.zeros((self.pixels, self.nodes.size))
-        for part, start in enumerate(range(0, samples, longest)):
-            count = min(longest, samples - start)
+        for part, start in enumerate(range(0, wanted, longest)):
+            count = min(longest, wanted - start)
             image = mi.render(self._scenes[group], integrator=self._integrator, spp=count, seed=mi.UInt32(seed_words(*key, part)[0]))
             total += np.array(image, np.float64).reshape(total.shape) * count
-        return np.ascontiguousarray(total.T) / samples, 0.0
+        return np.ascontiguousarray(total.T) / wanted, 0.0
 
 
 def node_cells(nodes_nm: np.ndarray) -> tuple[Bands, np.ndarray]:

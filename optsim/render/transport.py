@@ -8,8 +8,8 @@ import numpy as np
 
 from optsim.cube import Bands
 from optsim.render.bundle import AllNodes, OneNode
+from optsim.render.choice import Physics
 from optsim.render.diffuse_table import DiffuseTable, LightSearch
-from optsim.render.estimate import relative_errors
 from optsim.render.frame import camera_rays, frame_of
 from optsim.render.kernel import trace
 from optsim.render.materials import MAX_TABLE_VALUES, MaterialTable, rows_of
@@ -18,7 +18,8 @@ from optsim.render.replicates import Replicates
 from optsim.render.settings import RenderSettings
 from optsim.render.shared_path import SharedPath
 from optsim.render.sky import SkyShape
-from optsim.render.spectral import light_groups, transport_nodes
+from optsim.render.spectral import light_groups
+from optsim.render.tiles import Samples, Tiles
 from optsim.render.translate import at_nodes, bsdf, load, plain, uniform
 from scenes.lights import SKIES, AreaLight
 from scenes.materials import Dielectric, Lambertian, Material
@@ -51,27 +52,30 @@ class Transport:
         self.scene, self.film, self.settings = scene, film, settings
         self.pixels = film[0] * film[1]
         low, high = float(bands.lower.min()), float(bands.upper.max())
+        self.needs = explain(scene, settings.tolerance, settings.choices)
+        self._modelled = scene = self.needs.modelled
         self.frame = frame_of(scene)
         self.groups = light_groups(scene, low, high, self.frame.unit)
-        self.needs = explain(scene, settings.tolerance)
-        linear = self.needs.reflects_once and self.needs.all_diffuse
-        self.nodes = transport_nodes(scene, low, high, linear)
-        self.weights = [group.weights(self.nodes, bands) for group in self.groups]
+        self.nodes = self.needs.nodes_nm(bands)
+        self.weights = [self.needs.weights(group, self.nodes, bands) for group in self.groups]
         self.max_depth = settings.max_depth or self.needs.max_depth
-        self._exact_depth = self.needs.reflects_once and self.max_depth >= 2
+        decided = Physics.INTERREFLECTION not in settings.without and not self.needs.on(Physics.INTERREFLECTION)
+        self._exact_depth = decided and self.max_depth >= 2
         self._rays = camera_rays(scene, self.frame, *film)
-        self.route = "diffuse table" if self.needs.all_diffuse else "path per node" if self.needs.dispersive else "shared path"
+        self._split = self.needs.on(Physics.DISPERSION)
+        self.route = "path per node" if self._split else "diffuse table" if self.needs.all_diffuse else "shared path"
         self._integrators = [self._build(group.lights, group.strengths) for group in self.groups]
 
-    def empty(self) -> list[Replicates]:
-        """Return fresh accumulators, one per light group."""
-        return [Replicates((self.nodes.size, self.pixels)) for _ in self.groups]
+    @property
+    def tiles(self) -> Tiles:
+        """Return the whole picture's tiles."""
+        return Tiles(self.film)
 
-    def error(self, groups: list[Replicates]) -> float:
-        """Return the largest relative RMS error over the bands, as estimated from the scatter of the passes."""
-        return float(relative_errors(groups, self.weights).max()) if groups else 0.0
+    def empty(self, part: Tiles) -> list[Replicates]:
+        """Return fresh accumulators for a part of the picture, one per light group."""
+        return [Replicates((self.nodes.size, part.pixels), weights, part) for weights in self.weights]
 
-    def trace(self, group: int, samples: int, key: tuple[int, ...]) -> tuple[np.ndarray, float]:
+    def trace(self, group: int, samples: Samples, key: tuple[int, ...]) -> tuple[np.ndarray, float]:
         """Render one pass of one light group: (n, pixels) transport and the share of light cut by the depth limit."""
         parts, cut = [], 0.0
         for integrator in self._integrators[group]:
@@ -86,19 +90,21 @@ class Transport:
         def surface(material: Material) -> dict[str, Any]:
             return plain(material) if isinstance(material, Lambertian | Dielectric) else bsdf(material, spectrum)
 
-        engine = load(self.scene, self.frame, emission, surface)
-        sky = SkyShape(self.scene, lights, engine)
-        if self.needs.dispersive:
-            table = MaterialTable(self.scene, self.frame, engine, self.nodes, 0, self.nodes.size)
-            return [SharedPath(engine, table, OneNode(table), self.max_depth, sky)]
-        longest = max(4, min(NODES_A_KERNEL, MAX_TABLE_VALUES // rows_of(self.scene)))
+        scene, aim = self._modelled, self.needs.on(Physics.EMITTER_SAMPLING)
+        engine = load(scene, self.frame, emission, surface)
+        sky = SkyShape(scene, lights, engine)
+        if self._split:
+            table = MaterialTable(scene, self.frame, engine, self.nodes, 0, self.nodes.size)
+            return [SharedPath(engine, table, OneNode(table), self.max_depth, sky, aim)]
+        longest = max(4, min(NODES_A_KERNEL, MAX_TABLE_VALUES // rows_of(scene)))
         chunks = np.array_split(np.arange(self.nodes.size), -(-self.nodes.size // longest))
-        tables = [MaterialTable(self.scene, self.frame, engine, self.nodes, int(c[0]), c.size) for c in chunks]
+        tables = [MaterialTable(scene, self.frame, engine, self.nodes, int(c[0]), c.size) for c in chunks]
         if not self.needs.all_diffuse:
-            table = MaterialTable(self.scene, self.frame, engine, self.nodes, 0, self.nodes.size)
-            return [SharedPath(engine, table, AllNodes(table), self.max_depth, sky) for table in tables]
-        only_sky = all(isinstance(self.scene.lights[i], SKIES) for i in lights)
-        search = LightSearch(sample=not only_sky, hit=only_sky or scattered_rays_seek_lights(self.scene, lights))
+            table = MaterialTable(scene, self.frame, engine, self.nodes, 0, self.nodes.size)
+            return [SharedPath(engine, table, AllNodes(table), self.max_depth, sky, aim) for table in tables]
+        only_sky = all(isinstance(scene.lights[i], SKIES) for i in lights)
+        aim &= not only_sky or Physics.EMITTER_SAMPLING in self.needs.choices.force
+        search = LightSearch(sample=aim, hit=only_sky or not aim or scattered_rays_seek_lights(scene, lights))
         return [DiffuseTable(engine, table, self.max_depth, search, sky) for table in tables]
 
 

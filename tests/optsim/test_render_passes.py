@@ -177,9 +177,9 @@ def test_an_interruption_while_a_pass_is_added_leaves_no_half_pass_in_the_checkp
         yield sample[0]
         raise KeyboardInterrupt
 
-    def add(self, sample):
+    def add(self, sample, active=None):
         calls.append(1)
-        original(self, interrupted_rows(sample) if len(calls) == at else sample)
+        original(self, interrupted_rows(sample) if len(calls) == at else sample, active)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Replicates, "add", add)
@@ -217,11 +217,11 @@ def test_an_interruption_between_pilot_and_main_stage_mixes_nothing(tmp_path):
     whole = render(CHART, BANDS, (6, 6), settings)
     original, calls = Transport.empty, []
 
-    def empty(self):
+    def empty(self, part):
         calls.append(1)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return original(self)
+        return original(self, part)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Transport, "empty", empty)
