@@ -13,6 +13,7 @@ import numpy as np
 
 from optsim.cube import Bands
 from optsim.render.cells import Cells, NotFlat, crossed_pixels, cut_pixels, join, whole_pixels
+from optsim.render.choice import Physics
 from optsim.render.flat_faces import LEVEL, band_table, faces_of, why_ambiguous, why_not_flat
 from optsim.render.flat_light import FlatLight, flat_light
 from optsim.render.flat_shadows import Shadows
@@ -20,7 +21,7 @@ from optsim.render.flat_view import FlatView, Seen
 from optsim.render.frame import frame_of
 from optsim.render.needs import explain
 from optsim.render.settings import RenderSettings
-from optsim.render.spectral import light_groups, transport_nodes
+from optsim.render.spectral import light_groups
 from scenes.lights import SKIES
 from scenes.scene import Scene
 
@@ -68,18 +69,20 @@ class FlatPicture:
     route = "flat faces without samples"
 
     def __init__(self, scene: Scene, bands: Bands, film: tuple[int, int], settings: RenderSettings) -> None:
+        self.scene, self.film, self.settings = scene, film, settings
+        self.needs = explain(scene, settings.tolerance, settings.choices)
+        scene = self.needs.modelled
         why = why_not_flat(scene, settings)
         if why is not None:
             raise NotFlat(why)
-        self.scene, self.film, self.settings, self.needs = scene, film, settings, explain(scene, settings.tolerance)
-        if not self.needs.reflects_once:
+        if self.needs.on(Physics.INTERREFLECTION) or not self.needs.reflects_once:
             raise NotFlat("light is to be followed beyond its first reflection")
         self.pixels, self.max_depth = film[0] * film[1], 2
         low, high = float(bands.lower.min()), float(bands.upper.max())
         frame = frame_of(scene)
         self.groups = light_groups(scene, low, high, frame.unit)
-        self.nodes = transport_nodes(scene, low, high, True)
-        self.weights = [group.weights(self.nodes, bands) for group in self.groups]
+        self.nodes = self.needs.nodes_nm(bands)
+        self.weights = [self.needs.weights(group, self.nodes, bands) for group in self.groups]
         self.faces = faces_of(scene, frame)
         sky = any(isinstance(scene.lights[i], SKIES) for group in self.groups for i in group.lights)
         why = why_ambiguous(self.faces, sky)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optsim.render.choice import Physics
 from optsim.render.frame import Frame
 from optsim.render.polygons import clip
 from optsim.render.settings import RenderSettings
@@ -56,6 +57,8 @@ def why_not_flat(scene: Scene, settings: RenderSettings) -> str | None:
     """Say why a scene cannot be rendered without samples as far as its contents tell, or None."""
     if settings.samples_per_pixel is not None:
         return "a number of samples was asked for"
+    if {Physics.EMITTER_SAMPLING, Physics.SPECTRAL_NODES, Physics.DISPERSION} & {*settings.force, *settings.without}:
+        return "how samples are taken was decided by hand"
     if settings.max_depth is not None and settings.max_depth < 2:
         return "reflected light is left out"
     if not is_diffuse(scene):

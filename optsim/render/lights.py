@@ -19,12 +19,13 @@ class LightSampler:
     Args:
         scene: the Mitsuba scene.
         each: whether every light may be sampled on its own; False always picks one.
+        aim: False aims at none: one direction sample without light is returned.
     """
 
-    def __init__(self, scene: Any, each: bool = True) -> None:
-        self._scene = scene
+    def __init__(self, scene: Any, each: bool = True, aim: bool = True) -> None:
+        self._scene, self._aim = scene, aim
         self._emitters = list(scene.emitters())
-        self._each = each and 1 < len(self._emitters) <= MAX_EACH
+        self._each = each and aim and 1 < len(self._emitters) <= MAX_EACH
 
     @property
     def aims(self) -> int:
@@ -33,6 +34,11 @@ class LightSampler:
 
     def samples(self, si: Any, u: Any, v: Any, active: Any) -> Iterator[tuple[Any, Any]]:
         """Yield (direction sample, emission / density, 0 where the light is hidden) for each light, or for one picked by chance."""
+        if not self._aim:
+            sample = dr.zeros(mi.DirectionSample3f)
+            sample.d = si.n
+            yield sample, mi.Spectrum(0)
+            return
         if not self._each:
             yield self._scene.sample_emitter_direction(si, mi.Point2f(u, v), True, active)
             return
@@ -45,4 +51,6 @@ class LightSampler:
 
     def density(self, before: Any, sample: Any, active: Any) -> Any:
         """Return the density with which ``samples`` aims from a surface point at what a ray has met."""
+        if not self._aim:
+            return mi.Float(0)
         return self._scene.pdf_emitter_direction(before, sample, active) * (len(self._emitters) if self._each else 1)

@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from optsim.cube import Bands
+from optsim.render.bounds import (
+    blur_diameter,
+    border_length,
+    centre_error,
+    colour_change,
+    colour_spread,
+    further_light,
+    sky_share,
+    smear_error,
+)
+from optsim.render.depth import depth_for
 from optsim.render.needs import TYPICAL_NM, Effect, Needs
+from optsim.render.spectral import transport_nodes
 from scenes.lights import SKIES, AreaLight, DirectionalLight, GradientSky, PointLight
 from scenes.materials import Dielectric, Lambertian
 from scenes.scene import Scene
 from scenes.viewpoint import ThinLens
 from scenes.visibility import MAX_PROOF_FACES, face_count, largest_albedo, used_materials
 
+SPARE = 0.1
+"""Share of the error asked for that leaving an effect out may cost."""
+SKY_MARGIN = 100.0
+"""How much more of a picture's light than of the light on the scene's middle may come from the sky: lamps may be hidden, surfaces dark."""
 TYPICAL_BANDS = 24
 TYPICAL_SAMPLES = 64
 """Paths a pixel for which the noise of leaving out light sampling is stated."""
@@ -36,10 +51,16 @@ def _interreflection(needs: Needs) -> Effect:
     if needs.seen is None:
         why = "no reflecting surface can see another" if rho > 0 else "nothing reflects"
         return Effect(name, False, f"{why} (every pair of faces tested): light reflected once is all there is, depth 2 is exact", 0.0)
-    beyond = (
-        f"what lies beyond is below {rho**needs.max_depth:.1g}" if rho < 1 else "the albedo sets no end, chance ends paths without bias"
-    )
-    text = f"{_who_lights_whom(needs.source, *needs.seen)}; {_share(needs)}; largest albedo {rho:.3g}: depth {needs.max_depth}, {beyond}"
+    bound = further_light(needs.source)
+    if bound < needs.error * SPARE:
+        text = (
+            f"{_who_lights_whom(needs.source, *needs.seen)}, but at most {bound:.2g} of the brightest light is reflected again (by "
+            "albedos, sizes and distances): less than a tenth of the error asked for"
+        )
+        return Effect(name, False, text, bound)
+    depth = depth_for(needs.source, False, needs.error)
+    beyond = f"what lies beyond is below {rho**depth:.1g}" if rho < 1 else "the albedo sets no end, chance ends paths without bias"
+    text = f"{_who_lights_whom(needs.source, *needs.seen)}; {_share(needs)}; largest albedo {rho:.3g}: depth {depth}, {beyond}"
     return Effect(name, True, text, needs.covered.returned)
 
 
@@ -100,31 +121,26 @@ def _dispersion(needs: Needs) -> Effect:
         return Effect(name, False, "the glass has one index for all wavelengths (no Abbe number is given)", 0.0)
     key = max(spread, key=lambda k: spread[k], default="")
     size = float(spread.get(key, 0.0))
-    text = f"the glass {key!r} has an Abbe number: from {TYPICAL_NM[0]:g} to {TYPICAL_NM[1]:g} nm its deviation changes by {size:.1%}"
-    return Effect(name, True, text + "; wavelengths take paths of their own", size)
+    text = f"the glass {key!r} has an Abbe number: from {TYPICAL_NM[0]:g} to {TYPICAL_NM[1]:g} nm its deviation changes by {size:.2%}"
+    if size == 0:
+        return Effect(name, False, "the glass has the index of air", 0.0)
+    return Effect(name, True, f"{text}; wavelengths take paths of their own", size)
 
 
-def _band_edges(needs: Needs) -> np.ndarray:
-    return np.linspace(*needs.common_range_nm, TYPICAL_BANDS + 1)
-
-
-def _centre_error(spectra: list[Any], edges: np.ndarray) -> float:
-    """Return the largest relative error of reading a band's mean at its centre."""
-    worst = 0.0
-    for spectrum in spectra:
-        mean = spectrum.band_mean(edges[:-1], edges[1:])
-        centre = spectrum.at((edges[:-1] + edges[1:]) / 2)
-        good = mean > 0
-        worst = max(worst, float(np.max(np.abs(centre[good] / mean[good] - 1), initial=0.0)))
-    return worst
+def _typical_bands(needs: Needs) -> Bands:
+    return Bands.from_edges(np.linspace(*needs.common_range_nm, TYPICAL_BANDS + 1))
 
 
 def _illuminant_factoring(needs: Needs) -> Effect:
     name, count = "illuminant_factoring", needs.illuminant_count
-    size = _centre_error([light.spectrum for light in needs.source.lights], _band_edges(needs))
+    size = centre_error(needs.source, _typical_bands(needs))
     at = f"{TYPICAL_BANDS} bands read at their centres would be off by up to {size:.2g}"
     if count == 0:
         return Effect(name, False, "nothing shines", 0.0)
+    if size < needs.error * SPARE:
+        return Effect(
+            name, False, f"{at}, less than a tenth of the error asked for: not required (and done all the same, at no cost)", size
+        )
     if count == 1:
         return Effect(
             name,
@@ -142,21 +158,19 @@ def _illuminant_factoring(needs: Needs) -> Effect:
 
 def _spectral_nodes(needs: Needs) -> Effect:
     name = "spectral_nodes"
-    curves = [s for m in used_materials(needs.source).values() if isinstance(m, Lambertian) for s in m.curves]
     low, high = needs.common_range_nm
-    nodes = needs.nodes_nm(Bands.from_edges([low, high]))
-    size = _centre_error(curves, _band_edges(needs))
+    nodes = transport_nodes(needs.source, low, high, linear=needs.reflects_once and needs.all_diffuse)
+    change = colour_change(needs.source, low, high, 1 if needs.reflects_once else depth_for(needs.source, False, needs.error) - 1)
+    if change < needs.error * SPARE:
+        text = f"no surface changes its colour by more than {change:.1g} over {low:g} to {high:g} nm: one wavelength tells all"
+        return Effect(name, False, f"{text} (rendered at {nodes.size}, at no cost)", change)
     what = f"transport is rendered at {nodes.size} wavelengths for {low:g} to {high:g} nm, whatever the number of bands"
+    size = colour_spread(needs.source, low, high)
     if needs.reflects_once and needs.all_diffuse:
-        return Effect(
-            name,
-            True,
-            f"{what}: exact, as it is linear between the nodes of the reflectances; band centres alone would be off by up to {size:.2g}",
-            size,
-        )
+        return Effect(name, True, f"{what}: exact, as it is linear between the nodes of the reflectances", size)
     size_between = node_error(needs.source, nodes, needs.covered.mean)
     limit = f"about {size_between:.1g} of the brightest surface" if size_between < 1 else "an amount that has no useful estimate here"
-    return Effect(name, True, f"{what}; between them it is read as linear, off by {limit}", size)
+    return Effect(name, True, f"{what}; between them it is read as linear, off by {limit} (an estimate: a bound where light is even)", size)
 
 
 def node_error(scene: Scene, nodes_nm: np.ndarray, covered: float) -> float:
@@ -182,25 +196,15 @@ def _lens_blur(needs: Needs) -> Effect:
     if not isinstance(view, ThinLens):
         kind = type(view).__name__.lower()
         return Effect("lens_blur", False, f"the scene is seen through a pinhole ({kind} view): all of it is sharp", 0.0)
-    size = blur_share(needs.source)
+    wide = blur_diameter(needs.source)
+    size = smear_error(wide, border_length(needs.source))
     text = (
-        f"the lens of {view.aperture_m:.3g} m radius, sharp at {view.distance_m:.3g} m, blurs by up to {size:.2g} of the picture's height"
+        f"the lens of {view.aperture_m:.3g} m radius, sharp at {view.distance_m:.3g} m, blurs by up to {wide:.2g} of the picture's height, "
+        f"about {size:.2g} of the light at the borders seen"
     )
-    if size < needs.error / 10:
+    if size < needs.error * SPARE:
         return Effect("lens_blur", False, f"{text}: less than a tenth of the error asked for", size)
-    return Effect("lens_blur", True, f"{text}: rays start all over it", min(1.0, size))
-
-
-def blur_share(scene: Scene) -> float:
-    """Return the largest diameter of a lens's blur over the scene's corners, as a share of the picture's height (theory.md (R.34))."""
-    view, box = scene.viewpoint, scene.bounds()
-    if not isinstance(view, ThinLens) or box is None:
-        return 0.0
-    corners = np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-    depth = (corners - np.asarray(view.origin)) @ view.axes()[2]
-    nearest, farthest = max(float(depth.min()), 1e-3 * view.distance_m), max(float(depth.max()), 1e-3 * view.distance_m)
-    defocus = max(abs(1 / nearest - 1 / view.distance_m), abs(1 / farthest - 1 / view.distance_m))
-    return float(view.aperture_m * defocus / np.tan(np.deg2rad(view.fov_deg) / 2))
+    return Effect("lens_blur", True, f"{text}: rays start all over it", size)
 
 
 def _sky(needs: Needs) -> Effect:
@@ -208,4 +212,8 @@ def _sky(needs: Needs) -> Effect:
     if not skies:
         return Effect("sky", False, "no light comes from outside: a ray that meets nothing is black", 0.0)
     kind = "a sky that changes with the elevation" if any(isinstance(light, GradientSky) for light in skies) else "a constant sky"
-    return Effect("sky", True, f"{kind} shines from all directions and is what a ray sees that meets nothing", 1.0)
+    share = sky_share(needs.source, *needs.common_range_nm)
+    if share * SKY_MARGIN < needs.error * SPARE:
+        text = f"{kind} sends {share:.2g} of the lamps' light to the scene's middle"
+        return Effect("sky", False, f"{text}, less than a {SKY_MARGIN / SPARE:.0f}th of the error asked for", share * SKY_MARGIN)
+    return Effect("sky", True, f"{kind} shines from all directions and is what a ray sees that meets nothing", min(1.0, share))

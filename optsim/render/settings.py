@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from optsim.errors import InputError
+from optsim.render.choice import EFFECTS, Choices, Physics
 
 DEFAULT_ERROR = 0.01
 MAX_SAMPLES_PER_PIXEL = 2**24
@@ -23,6 +24,7 @@ _ALLOWED = {
     "max_samples": "a whole number of samples in [4, 2^24]",
     "max_depth": "a whole number of emissions in [1, 2^16]",
 }
+_ALLOWED |= {name: f"a tuple of effects, from {', '.join(EFFECTS)}" for name in ("force", "without")}
 _SHORT = {"samples_per_pixel": "spp"}
 
 
@@ -37,9 +39,12 @@ class RenderSettings(BaseModel):
         seed: 0 to 2^32 - 1; the same seed gives the same bytes on the same machine.
         max_samples: give up on ``error`` here, with a warning, 4 to 2^24 paths a pixel.
         max_depth: count emission and max_depth - 1 reflections, 1 to 2^16; None lets the scene decide.
+        force: effects to compute whatever the scene requires.
+        without: effects to leave out whatever the scene requires.
 
     Raises:
-        InputError: ``render.FIELD`` with the allowed range; ``render.spp`` when both an error and a sample count are given.
+        InputError: ``render.FIELD`` with the allowed range; ``render.spp`` when both an error and a sample count are given;
+            ``render.without`` for an effect that is forced as well, or interreflection beside a max_depth.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
@@ -50,6 +55,8 @@ class RenderSettings(BaseModel):
     seed: Annotated[int, Field(ge=0, le=MAX_SEED)] = 0
     max_samples: Annotated[int, Field(ge=4, le=MAX_SAMPLES_PER_PIXEL)] = 2**16
     max_depth: Annotated[int, Field(ge=1, le=MAX_DEPTH)] | None = None
+    force: tuple[Physics, ...] = ()
+    without: tuple[Physics, ...] = ()
 
     def __init__(self, **data: Any) -> None:
         try:
@@ -66,6 +73,18 @@ class RenderSettings(BaseModel):
         if self.error is not None and self.samples_per_pixel is not None:
             raise ValueError("given alone: either an error to reach or a number of samples, not both")
         return self
+
+    @model_validator(mode="after")
+    def _one_depth(self) -> RenderSettings:
+        both = self.choices  # refuses an effect in both
+        if self.max_depth is not None and Physics.INTERREFLECTION in both:
+            raise ValueError("given alone: either max_depth or a choice about interreflection, not both")
+        return self
+
+    @property
+    def choices(self) -> Choices:
+        """Return the effects decided by hand."""
+        return Choices(frozenset(self.force), frozenset(self.without))
 
     @property
     def target(self) -> float | None:

@@ -27,11 +27,12 @@ class SharedPath:
         bundle: what a path carries: all nodes, or one where glass disperses.
         max_depth: emission plus at most max_depth - 1 reflections or refractions.
         sky: how the sky's light depends on the direction.
+        aim: whether rays are aimed at lights, or find them by chance only.
     """
 
-    def __init__(self, scene: Any, table: MaterialTable, bundle: Bundle, max_depth: int, sky: SkyShape) -> None:
+    def __init__(self, scene: Any, table: MaterialTable, bundle: Bundle, max_depth: int, sky: SkyShape, aim: bool = True) -> None:
         self.scene, self.table, self.bundle, self.sky = scene, table, bundle, sky
-        self.lights = LightSampler(scene, each=not table.has_other)  # a metal or plastic would have to answer for each
+        self.lights = LightSampler(scene, each=not table.has_other, aim=aim)  # a metal or plastic would have to answer for each
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
 
     @dr.syntax
