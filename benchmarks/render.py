@@ -53,7 +53,8 @@ def measure(task: Renderable, truth: np.ndarray | None) -> dict[str, Any]:
     state = run(task, None, None, "")
     seconds = time.perf_counter() - start
     values = band_values(task, state)
-    found = {"samples": state.spent, "first_s": first, "seconds": seconds, "values": values, "estimated_error": float(state.noise(task.weights).errors.max())}
+    error = float(state.noise(task.weights).errors.max())
+    found = {"samples": state.spent, "first_s": first, "seconds": seconds, "values": values, "estimated_error": error}
     if truth is not None:
         scale = truth.mean(1, keepdims=True)
         found["nmse"] = float(np.mean(((values - truth) / scale) ** 2))
