@@ -109,8 +109,8 @@ class Bands:
         Raises:
             InputError: ``pixels``, or ``prism`` when the dispersion folds or does not reach so far.
         """
-        if not 1 <= pixels <= 10_000:
-            raise InputError("pixels", pixels, "from 1 to 10000")
+        if not isinstance(pixels, int | np.integer) or not 1 <= pixels <= 10_000:
+            raise InputError("pixels", pixels, "a whole number from 1 to 10000")
         below, above = prism.wavelength_at(first_px + np.array([-0.5, 0.5]))
         direction = 1.0 if above > below else -1.0
         edges = prism.wavelength_at(first_px + direction * (np.arange(pixels + 1) - 0.5))

@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar
 
 from optsim.camera.model import Model, ranged
 from optsim.camera.sensor import Bayer, Foveon, Mono
+from optsim.errors import InputError
 
 
 class AssumedEfficiencies(Model):
@@ -30,5 +31,12 @@ class AssumedEfficiencies(Model):
         return Mono.silicon().with_peak_qe(self.mono), Bayer.nikon().with_peak_qe(self.bayer), layers.with_peak_qe(self.foveon_sum * peak)
 
     def swept(self, factor: float) -> AssumedEfficiencies:
-        """Return the same with the colour sensors' values times a factor: the comparison hangs on their ratio to mono."""
-        return AssumedEfficiencies(mono=self.mono, bayer=min(1.0, self.bayer * factor), foveon_sum=min(1.0, self.foveon_sum * factor))
+        """Return the same with the colour sensors' values times a factor: the comparison hangs on their ratio to mono.
+
+        Raises:
+            InputError: field ``factor`` not above 0, or when it asks for an efficiency above 1.
+        """
+        most = 1 / max(self.bayer, self.foveon_sum)
+        if not 0 < factor <= most:
+            raise InputError("factor", factor, f"in (0, {most:.6g}], efficiencies up to 1")
+        return AssumedEfficiencies(mono=self.mono, bayer=self.bayer * factor, foveon_sum=self.foveon_sum * factor)

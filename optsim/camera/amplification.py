@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optsim.camera.noise import MAX_MEAN_E
 from optsim.camera.radiometry import photon_integral
 from optsim.camera.sensor import Sensor
 from optsim.errors import InputError
@@ -50,17 +51,19 @@ def noise_amplification(
     Args:
         sensor: with at least as many curves as colours; all curves are measured at every pixel.
         light: spectral radiance at the sensor, any unit.
-        brightest_e: electrons of the curve that collects most, above 0.
-        read_noise_e: of each readout, at least 0.
+        brightest_e: electrons of the curve that collects most, in (0, 1e15].
+        read_noise_e: of each readout, in [0, 1e15] electrons.
         colours_nm: (lower, upper) of each colour, disjoint.
 
     Raises:
-        InputError: field ``sensor`` when the curves cannot tell the colours apart; ``brightest_e``, ``read_noise_e``.
+        InputError: field ``sensor`` when the curves cannot tell the colours apart; ``brightest_e``, ``read_noise_e``, ``colours_nm``.
     """
-    if not (np.isfinite(brightest_e) and brightest_e > 0):
-        raise InputError("brightest_e", brightest_e, "above 0 electrons")
-    if not (np.isfinite(read_noise_e) and read_noise_e >= 0):
-        raise InputError("read_noise_e", read_noise_e, "at least 0 electrons")
+    if not 0 < brightest_e <= MAX_MEAN_E:
+        raise InputError("brightest_e", brightest_e, f"in (0, {MAX_MEAN_E:g}] electrons")
+    if not 0 <= read_noise_e <= MAX_MEAN_E:
+        raise InputError("read_noise_e", read_noise_e, f"in [0, {MAX_MEAN_E:g}] electrons")
+    if not colours_nm or any(not 0 < low < high for low, high in colours_nm):
+        raise InputError("colours_nm", tuple(colours_nm), "at least one pair of lower < upper edges, above 0 nm")
     lower, upper = np.array(colours_nm, np.float64).T
     mixing = np.stack([photon_integral(curve, lower, upper, light) for curve in sensor.curves])
     counts = mixing.sum(1)

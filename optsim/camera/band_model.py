@@ -12,6 +12,7 @@ from optsim.camera.bandpass import passed_photons, support_nm
 from optsim.camera.camera import CameraConfig
 from optsim.camera.dmd import check_masks
 from optsim.camera.knowledge import Assumed, Exact, OwnShifts, Scope, Shifts, UnitShift
+from optsim.camera.optics_config import BandpassConfig
 from optsim.camera.prism import Dispersion
 from optsim.camera.radiometry import photon_integral
 from optsim.camera.sensor import Sensor
@@ -157,12 +158,7 @@ def physical_model(
     masks = check_masks(masks, gray)
     if not 0 < exposure_s <= 1e9:
         raise InputError("exposure_s", exposure_s, "in (0, 1e9] s")
-    support = support_nm(camera.bandpass)
-    lower, upper = np.clip(bands.lower, *support), np.clip(bands.upper, *support)
-    if np.any(upper <= lower):
-        k = int(np.argmax(upper <= lower))
-        passes = f"{camera.bandpass.lower_nm:g}-{camera.bandpass.upper_nm:g} nm"
-        raise InputError("bands", (float(bands.lower[k]), float(bands.upper[k])), f"at least partly inside the band-pass {passes}")
+    lower, upper = _inside(bands, camera.bandpass)
     dispersion = camera.dispersion
     position, _, _ = dispersion.position_px(bands.center)
     rows, columns = masks.shape[1:]
@@ -189,6 +185,17 @@ def physical_model(
         bins=sensor.layer_bins if max(sensor.layer_bins) > 1 else None,
         crosstalk=crosstalk,
     )
+
+
+def _inside(bands: Bands, bandpass: BandpassConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parts of bands that the filter passes at all."""
+    support = support_nm(bandpass)
+    lower, upper = np.clip(bands.lower, *support), np.clip(bands.upper, *support)
+    if np.any(upper <= lower):
+        k = int(np.argmax(upper <= lower))
+        passes = f"{bandpass.lower_nm:g}-{bandpass.upper_nm:g} nm"
+        raise InputError("bands", (float(bands.lower[k]), float(bands.upper[k])), f"at least partly inside the band-pass {passes}")
+    return lower, upper
 
 
 def frame_width(dispersion: Dispersion, lower_nm: np.ndarray, upper_nm: np.ndarray, columns: int) -> int:

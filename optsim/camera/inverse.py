@@ -29,10 +29,14 @@ def wavelength_at(dispersion: Positions, position_px: ArrayLike, range_nm: tuple
         range_nm: where to search, cut to 380-780 nm where it reaches into them; None: 380-780 nm.
 
     Raises:
-        InputError: field ``prism`` when the dispersion folds over, or does not reach a position.
+        InputError: field ``prism`` when the dispersion folds over, or does not reach a position; ``position_px`` not finite.
     """
     low_nm, high_nm = search_range(range_nm)
     target = np.atleast_1d(np.asarray(position_px, np.float64))
+    if not np.all(np.isfinite(target)):
+        raise InputError("position_px", float(target[~np.isfinite(target)].flat[0]), "finite positions in px")
+    if target.size == 0:
+        return target
     grid = np.linspace(low_nm, high_nm, STEPS + 1)
     x, _, valid = dispersion.position_px(grid)
     grid, x = grid[valid], x[valid]

@@ -183,8 +183,8 @@ class SplineMap(AxialMap):
         Raises:
             InputError: ``knots``, ``range_nm``, or ``prism`` where the dispersion loses light.
         """
-        if not 4 <= knots <= 100_000:
-            raise InputError("knots", knots, "from 4 to 100000")
+        if not isinstance(knots, int | np.integer) or not 4 <= knots <= 100_000:
+            raise InputError("knots", knots, "a whole number from 4 to 100000")
         _, x = axial_samples(dispersion, range_nm, knots)
         return cls(knots_px=tuple(x.tolist()), **shared(dispersion, range_nm))
 
@@ -247,8 +247,8 @@ def check_range(wavelength_nm: ArrayLike, range_nm: tuple[float, float]) -> np.n
 
 
 def _power_fit(unit: np.ndarray, x: np.ndarray, degree: int) -> tuple[float, ...]:
-    if not 1 <= degree <= 12:
-        raise InputError("degree", degree, "from 1 to 12")
+    if not isinstance(degree, int | np.integer) or not 1 <= degree <= 12:
+        raise InputError("degree", degree, "a whole number from 1 to 12")
     chebyshev = np.polynomial.chebyshev.chebfit(unit, x, degree)
     return tuple(np.polynomial.chebyshev.cheb2poly(chebyshev).tolist())
 

@@ -202,5 +202,5 @@ def _check_count(pixels: int) -> None:
 
 
 def _probability(p: float) -> None:
-    if not 0 <= p <= 1:
-        raise InputError("open_fraction", p, "a probability in [0, 1]")
+    if not isinstance(p, int | float | np.number) or not 0 <= p <= 1:
+        raise InputError("masks.p", p, "a probability in [0, 1]")

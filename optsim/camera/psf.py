@@ -8,6 +8,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optsim.errors import InputError
+
 WAVE_LIMIT_RAD = 1000.0
 """Above this defocus phase at the pupil's edge, diffraction times the geometrical disc stands for the integral (they differ by 0.004)."""
 _FEW = 4096
@@ -22,7 +24,17 @@ def airy_otf(frequency_per_mm: ArrayLike, wavelength_nm: float, f_number: float,
         wavelength_nm: above 0 nm.
         f_number: working f-number on the image's side, above 0.
         defocus_mm: distance of the sensor from the focus, either sign.
+
+    Raises:
+        InputError: field ``wavelength_nm``, ``f_number``, ``defocus_mm`` or ``frequency_per_mm``.
     """
+    for field, value, unit in (("wavelength_nm", wavelength_nm, " nm"), ("f_number", f_number, "")):
+        if not 0 < value < math.inf:
+            raise InputError(field, value, f"above 0{unit} and finite")
+    if not math.isfinite(defocus_mm):
+        raise InputError("defocus_mm", defocus_mm, "finite, in mm")
+    if not np.all(np.isfinite(frequency_per_mm)):
+        raise InputError("frequency_per_mm", "not finite", "finite frequencies in cycles per mm")
     s = 2 * wavelength_nm * _NM * f_number * np.asarray(frequency_per_mm, np.float64)
     phase = abs(defocus_phase_rad(wavelength_nm, f_number, defocus_mm))
     if phase > WAVE_LIMIT_RAD:

@@ -27,7 +27,13 @@ def smallest_cone_sr(*f_numbers: float) -> float:
     """Return pi sin^2(theta) of the narrowest of several light cones at a mirror, in sr (theory.md (C.8)).
 
     A mirror that tilts by 12 degrees sends cones wider than that into each other's way: it counts as one of them (f/2.4).
+
+    Raises:
+        InputError: field ``f_number`` below 0.5.
     """
+    for number in f_numbers:
+        if not number >= 0.5:
+            raise InputError("f_number", number, "at least 0.5, a hemisphere")
     sine = min([math.sin(math.radians(MIRROR_TILT_DEG)), *(1 / (2 * number) for number in f_numbers)])
     return math.pi * sine**2
 

@@ -165,3 +165,21 @@ def test_assumed_efficiencies_are_the_curves_maxima_and_the_layers_largest_sum()
     swept = AssumedEfficiencies().swept(1.3).sensors()
     assert swept[0].curve.maximum == pytest.approx(0.5)
     assert swept[1].green.maximum == pytest.approx(0.65)
+
+
+@pytest.mark.parametrize("factor", [np.nan, 0.0, -1.0, 1.7])
+def test_efficiencies_are_not_swept_below_0_or_above_1(factor):
+    with pytest.raises(InputError, match=r"factor.*\(0, 1\.66667\]"):
+        AssumedEfficiencies().swept(factor)
+
+
+@pytest.mark.parametrize("number", [np.nan, 0.0, -8.0, 0.4])
+def test_a_cone_wider_than_a_hemisphere_is_refused(number):
+    with pytest.raises(InputError, match="f_number"):
+        smallest_cone_sr(8.0, number)
+
+
+@pytest.mark.parametrize("colours", [(), [(600.0, 500.0)], [(np.nan, 500.0)]])
+def test_colours_without_edges_in_order_are_refused(colours):
+    with pytest.raises(InputError, match="colours_nm"):
+        noise_amplification(FOVEON, LAMP, 1000.0, colours_nm=colours)

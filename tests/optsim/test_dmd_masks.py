@@ -88,7 +88,7 @@ def test_D6_mask_values_other_than_0_and_1_are_refused_with_their_place(value):
 
 
 def test_probabilities_outside_0_to_1_are_refused():
-    with pytest.raises(InputError, match="open_fraction"):
+    with pytest.raises(InputError, match=r"masks\.p"):
         masks_for(MONO, 1, Distinct(), SIZE, 0, Bernoulli(1.1))
 
 

@@ -8,6 +8,7 @@ import pytest
 from optsim.camera import CenterTable, Dispersion, DoubleAmici, PrismStack, glass
 from optsim.camera.field_maps import MAPPINGS, FieldPolynomial, ParaxialMap, WholePixel
 from optsim.camera.mappings import CauchyMap, LinearMap, PolynomialMap, SplineMap
+from optsim.cube import Bands
 from optsim.errors import InputError
 
 RANGE = (450.0, 670.0)
@@ -173,3 +174,22 @@ def test_misuse_is_refused_by_name():
         ParaxialMap.fit(CenterTable(), RANGE)
     with pytest.raises(InputError, match="Y_mm"):
         FieldPolynomial.fit(PRISM, RANGE).position_px(500.0, 0.0, 4.0)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, [3.0, np.nan]])
+def test_positions_that_are_not_finite_have_no_wavelength(bad):
+    with pytest.raises(InputError, match="position_px"):
+        DoubleAmici.default().wavelength_at(bad)
+
+
+def test_no_positions_have_no_wavelengths():
+    assert DoubleAmici.default().wavelength_at([]).shape == (0,)
+
+
+def test_degrees_knots_and_pixels_are_whole_numbers():
+    with pytest.raises(InputError, match="degree"):
+        PolynomialMap.fit(DoubleAmici.default(), (450, 670), 2.5)
+    with pytest.raises(InputError, match="knots"):
+        SplineMap.fit(DoubleAmici.default(), (450, 670), 8.5)
+    with pytest.raises(InputError, match="pixels"):
+        Bands.from_prism(DoubleAmici.default(), 2.5)

@@ -61,7 +61,7 @@ def test_D5_probabilities_0_and_1_close_and_open_all_and_others_are_refused(patt
     assert not masks_for(FOVEON, 1, Distinct(), size, 0, pattern(0.0)).any()
     assert masks_for(FOVEON, 1, Distinct(), size, 0, pattern(1.0)).all()
     for bad in (-0.1, 1.1, np.nan):
-        with pytest.raises(InputError, match="open_fraction"):
+        with pytest.raises(InputError, match=r"masks\.p"):
             pattern(bad)
 
 

@@ -10,6 +10,7 @@ from scipy.special import j0, j1
 from optsim.camera import CameraConfig
 from optsim.camera.psf import WAVE_LIMIT_RAD, airy_otf, defocus_phase_rad, disc_otf
 from optsim.camera.pupil import rings
+from optsim.errors import InputError
 
 NM = 550.0
 N = 5.0
@@ -189,3 +190,18 @@ def test_the_share_of_light_on_wrong_pixels_falls_with_the_number_of_rays_as_the
     assert fine.sum() == pytest.approx(1, abs=1e-12)
     found = [np.abs(spot(optics, 1.75, -1.75, count) - fine).sum() / 2 for count in (32, 64, 256)]
     assert found == pytest.approx(wrong, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("field", "values"),
+    [
+        ("wavelength_nm", (0.1, math.nan, 8.0, 0.0)),
+        ("wavelength_nm", (0.1, 0.0, 8.0, 0.0)),
+        ("f_number", (0.1, 550.0, 0.0, 0.0)),
+        ("defocus_mm", (0.1, 550.0, 8.0, math.inf)),
+        ("frequency_per_mm", ([0.1, math.nan], 550.0, 8.0, 0.0)),
+    ],
+)
+def test_an_otf_of_no_wavelength_cone_or_frequency_is_refused(field, values):
+    with pytest.raises(InputError, match=field):
+        airy_otf(*values)
