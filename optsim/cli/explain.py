@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from optsim.cli.paths import FIGURES, target
-from optsim.cli.words import Json, find_scene, print_json
+from optsim.cli.words import Force, Json, Without, find_scene, physics_named, print_json
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,27 +34,36 @@ def explain(
     ] = True,
     size: Annotated[int, Parameter(help="With --camera: mirrors along each side of the reconstructions, a multiple of 8.")] = 24,
     seeds: Annotated[int, Parameter(help="With --camera: sets of masks; two or more give intervals.")] = 3,
+    force: Force = None,
+    without: Without = None,
     plot: Annotated[Path | None, Parameter(help="With --camera: draw the ranking (PNG, PDF or SVG).")] = None,
     json: Json = False,
 ) -> None:
     """Tell which physical effects a scene, or a camera, requires, each with its size and the error of leaving it out."""
+    chosen = {"--force": physics_named("--force", force or ()), "--without": physics_named("--without", without or ())}
     if camera is not None:
+        for option in ("--force", "--without"):
+            if chosen[option]:
+                raise InputError(option, chosen[option][0].value, "given with a scene; `measure` chooses among a camera's effects")
         _explain_camera(camera, scene, error, (size, seeds) if db else None, plot, json)
         return
     if scene is None:
         raise InputError("SCENE", None, "given: the name of a scene or a scene file, or --camera FILE")
     if plot is not None:
         raise InputError("--plot", str(plot), "given with --camera")
+    from optsim.render.choice import Choices
     from optsim.render.needs import explain as needs_of
 
-    needs = needs_of(find_scene(scene), error)
+    choices = Choices(frozenset(chosen["--force"]), frozenset(chosen["--without"]))
+    needs = needs_of(find_scene(scene), error, choices)
     if json:
         print_json(needs.as_dict())
         return
     print(f"{needs.scene}, to a relative error of {error:g}")
     for effect in needs.effects:
-        without = "" if effect.error_without is None else f" (error without it: {effect.error_without:.2g})"
-        print(f"  {'on ' if effect.on else 'off'}  {effect.name:20s} {effect.reason}{without}")
+        print(f"  {'on ' if effect.on else 'off'}  {effect.name:20s} {effect.reason} (error without it: {effect.error_without:.2g})")
+    for sentence in needs.warnings:
+        print(f"  {sentence}")
 
 
 def _explain_camera(path: Path, scene: str | None, error: float, priced: tuple[int, int] | None, plot: Path | None, json: bool) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import json
+import sys
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from optsim.cli.words import PAPER, Output, find_scene, progress_bar, wrote
+from optsim.cli.words import PAPER, Force, Output, Without, find_scene, physics_named, progress_bar, wrote
 
 
 def render(
@@ -22,6 +25,9 @@ def render(
     oversample: Annotated[int, Parameter(help="Samples along each side of a mirror; `measure --physical` wants 2.")] = 1,
     error: Annotated[float | None, Parameter(help="Relative RMS error per band at which to stop (default 0.01).")] = None,
     spp: Annotated[int | None, Parameter(help="Paths a pixel, in place of an error.")] = None,
+    max_samples: Annotated[int | None, Parameter(help="Give up on the error here, in paths a pixel (default 65536).")] = None,
+    force: Force = None,
+    without: Without = None,
     seed: Annotated[int, Parameter(help="0 to 4294967295; the same seed gives the same bytes.")] = 0,
 ) -> None:
     """Render a scene to a cube of spectral radiance in W m^-2 sr^-1 nm^-1, with its Monte Carlo standard error."""
@@ -31,7 +37,9 @@ def render(
     from optsim.render import render as render_scene
 
     writable(output)
-    settings = RenderSettings(oversample=oversample, error=error, samples_per_pixel=spp, seed=seed)
+    limit = {} if max_samples is None else {"max_samples": max_samples}
+    choices = {"force": physics_named("--force", force or ()), "without": physics_named("--without", without or ())}
+    settings = RenderSettings(oversample=oversample, error=error, samples_per_pixel=spp, seed=seed, **limit, **choices)
     table = Bands.parse(bands)
     if subdivide != 1:
         from optsim.camera import CameraConfig
@@ -50,3 +58,22 @@ def render(
     cube = cube.assign_attrs(bands=bands.strip(), subdivide=subdivide, oversample=oversample)
     write(cube, output)
     wrote(output, cube["radiance"].shape, "(y, x, wavelength)")
+    print(achieved(cube.attrs), file=sys.stderr)
+
+
+def achieved(attrs: Mapping[str, Any]) -> str:
+    """Return a sentence about the error that was reached, and effects that were decided by hand."""
+    if attrs["samples_per_pixel"] == 0:
+        text = f"error {attrs['error']:.2g} at most, without samples"
+    elif "error_low" in attrs:
+        text = f"error {attrs['error']:.2g} ({attrs['error_low']:.2g} to {attrs['error_high']:.2g} at 95 %) in the worst band"
+    else:
+        text = "error unknown: one pass only"
+    if attrs["samples_per_pixel"]:
+        text += f", {attrs['samples_per_pixel']} paths a pixel in {attrs['passes']} passes"
+    rows = json.loads(attrs["effects"])
+    for word in ("force", "without"):
+        names = [name for name, row in rows.items() if row["decided_by"] == word]
+        if names:
+            text += f"; {'forced' if word == 'force' else 'left out'} by hand: {', '.join(names)}"
+    return text

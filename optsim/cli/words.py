@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,14 +21,19 @@ if TYPE_CHECKING:
     from optsim.camera import Sensor
     from optsim.camera.dmd import MaskRule
     from optsim.camera.knowledge import Knowledge
+    from optsim.render.choice import Physics
     from recon.basis import Basis
     from recon.problem import Solver
     from recon.tuning import TauChoice
     from scenes.scene import Scene
 
 Json = Annotated[bool, Parameter(help="Print one JSON object and nothing else.", negative="")]
+Force = Annotated[list[str] | None, Parameter(help="An effect to compute whatever the scene requires; may be repeated.", negative="")]
+Without = Annotated[list[str] | None, Parameter(help="An effect to leave out whatever the scene requires; may be repeated.", negative="")]
 Output = Annotated[Path, Parameter(name=["--output", "-o"], help="File to write.")]
 PAPER = "paper"
+LINE_EVERY_S = 10.0
+"""How often progress is told where it cannot be drawn over."""
 ProgressCall = Callable[[float | None, str], None]
 
 
@@ -82,6 +87,17 @@ def mask_rule(word: str) -> MaskRule:
     from optsim.camera import Distinct, Repeated
 
     return {rule.name: rule for rule in (Distinct(), Repeated())}[word]
+
+
+def physics_named(field: str, names: Sequence[str]) -> tuple[Physics, ...]:
+    """Return the effects of these names.
+
+    Raises:
+        InputError: ``field``.
+    """
+    from optsim.render.choice import effects_named
+
+    return effects_named(field, names)
 
 
 def solver_named(
@@ -146,9 +162,9 @@ def print_json(value: Mapping[str, object]) -> None:
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[ProgressCall]:
-    """Give ``progress(fraction or None, text)``, shown on standard error when that is a terminal."""
+    """Give ``progress(fraction or None, text)``, shown on standard error: as a bar on a terminal, else as a line every ten seconds."""
     if not sys.stderr.isatty():
-        yield lambda fraction, text: None
+        yield _progress_lines(what)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -177,6 +193,20 @@ def progress_bar(what: str) -> Iterator[ProgressCall]:
                 bar.update(task, total=1.0, completed=fraction, description=text)
 
         yield show
+
+
+def _progress_lines(what: str) -> ProgressCall:
+    last = time.monotonic()
+
+    def tell(fraction: float | None, text: str) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= LINE_EVERY_S:
+            last = now
+            done = "" if fraction is None else f" {fraction:.0%}"
+            print(f"{what}{done}{' ' if text else ''}{text}", file=sys.stderr, flush=True)
+
+    return tell
 
 
 def wrote(path: Path, shape: tuple[int, ...], what: str) -> None:
