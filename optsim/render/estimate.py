@@ -119,6 +119,18 @@ class ErrorBars:
         self._fourth += fourth.sum(0)
         self._fourth_share += (fourth / (counts - 1)[:, None]).sum(0)
 
+    def notes(self) -> np.ndarray:
+        """Return all that is gathered, as (5 K + 1,) numbers."""
+        return np.concatenate([self._squares, self._level, self._sum, self._fourth, self._fourth_share, [self._pixels]])
+
+    @classmethod
+    def from_notes(cls, notes: np.ndarray, count: int) -> ErrorBars:
+        """Go on from :meth:`notes`."""
+        bars = cls(count)
+        bars._squares, bars._level, bars._sum, bars._fourth, bars._fourth_share = notes[:-1].reshape(5, count).copy()
+        bars._pixels = int(notes[-1])
+        return bars
+
     def bounds(self) -> np.ndarray:
         """Return (3, K): relative RMS error, and the ends of the 95 % interval of what was really made."""
         from scipy.special import fdtri

@@ -25,7 +25,8 @@ from optsim.render.spectral import light_groups
 from scenes.lights import SKIES
 from scenes.scene import Scene
 
-PIXELS_A_STRIP = 2**17
+VALUES_A_STRIP, PIXELS_A_STRIP = 2**23, 2**17
+"""Largest number of pixels x bands, and of pixels, that are rendered at a time."""
 ORDERS = (1, 2, 4, 8, 16)
 """Gauss points along each side of a trapezoid, until two orders agree."""
 SHADOW_ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
@@ -106,7 +107,7 @@ class FlatPicture:
         Raises:
             NotFlat: when a quadrature does not reach the error asked for.
         """
-        rows = max(1, PIXELS_A_STRIP // self.film[1])
+        rows = max(1, min(PIXELS_A_STRIP, VALUES_A_STRIP // len(self._mean)) // self.film[1])
         for top in range(0, self.film[0], rows):
             first, last = top * self.film[1], min(top + rows, self.film[0]) * self.film[1]
             yield self._strip(first, last)

@@ -6,7 +6,6 @@ import hashlib
 import json
 import warnings
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,12 +18,17 @@ from optsim.render.cells import NotFlat
 from optsim.render.choice import Physics
 from optsim.render.estimate import ErrorBars, band_radiance, kept_as, relative_bound
 from optsim.render.flat import FlatPicture
+from optsim.render.lamps import light_of
 from optsim.render.passes import Progress, Renderable, State, run
 from optsim.render.settings import RenderSettings, film_size
 from scenes.scene import Scene
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+Attrs = dict[str, str | int | float]
+"""Attributes of a cube."""
 
 
 def render(
@@ -57,13 +61,18 @@ def render(
     flat = _without_samples(scene, bands, size, settings, progress)
     if flat is not None:
         return flat
+    return picture(transport_of, scene, bands, size, settings, progress, checkpoint)
+
+
+def transport_of(scene: Scene, bands: Bands, film: tuple[int, int], settings: RenderSettings) -> Renderable:
+    """Set up a scene for the renderer that this machine has."""
     if start().vectorised:
         from optsim.render.transport import Transport
 
-        return picture(Transport, scene, bands, size, settings, progress, checkpoint)
+        return Transport(scene, bands, film, settings)
     from optsim.render.reference import FilmTransport
 
-    return picture(partial(FilmTransport, through_nodes=True), scene, bands, size, settings, progress, checkpoint)
+    return FilmTransport(scene, bands, film, settings, through_nodes=True)
 
 
 def _without_samples(
@@ -86,7 +95,7 @@ def _without_samples(
     error = relative_bound(radiance, bound)
     if error.max(initial=0.0) > settings.tolerance:
         return None
-    attrs = _attrs(task, config_digest(task, bands)) | {"variant": "none", "llvm_version": "none"}
+    attrs = provenance(task, config_digest(task, bands)) | {"variant": "none", "llvm_version": "none"}
     attrs |= {"samples_per_pixel": 0, "passes": 0, "cut_share": 0.0} | told_error(np.stack([error, 0 * error, error]))
     return _checked(task, bands, radiance, bound, attrs)
 
@@ -151,10 +160,8 @@ def config_digest(task: Renderable | FlatPicture, bands: Bands) -> str:
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
-Attrs = dict[str, str | int | float]
-
-
-def _attrs(task: Renderable | FlatPicture, digest: str) -> Attrs:
+def provenance(task: Renderable | FlatPicture, digest: str) -> Attrs:
+    """Return the attributes that tell where a cube comes from."""
     return {
         "title": f"radiance of {task.scene.name}",
         "config_digest": digest,
@@ -165,12 +172,13 @@ def _attrs(task: Renderable | FlatPicture, digest: str) -> Attrs:
         "max_depth": task.max_depth,
         "transport_nodes": int(task.nodes.size),
         "effects": json.dumps({row.pop("name"): row for row in task.needs.as_dict()["effects"]}),
+        "illuminant": json.dumps(light_of(task.needs.modelled, bands)),
     }
 
 
 def _cube(task: Renderable, bands: Bands, state: State, digest: str) -> xr.Dataset:
     backend = start()
-    attrs = _attrs(task, digest) | {
+    attrs = provenance(task, digest) | {
         "variant": backend.variant,
         "llvm_version": backend.llvm.version or "none",
         "samples_per_pixel": state.spent,
