@@ -49,6 +49,9 @@ def show(
     /,
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"], help="PNG to write; FILE with .png when absent.")] = None,
+    points_from: Annotated[
+        Path | None, Parameter(help="A cube of the same size, the truth say: show FILE at its points, in its exposure and white.")
+    ] = None,
 ) -> None:
     """Draw a cube, frames or an estimate: sRGB, a few bands, spectra of points; as a PNG."""
     from optsim.files import read
@@ -57,5 +60,5 @@ def show(
     target = file.with_suffix(".png") if output is None else output
     if target.suffix != ".png":
         raise InputError("-o", str(target), "a file path that ends in .png")
-    draw(read(file), target)
+    draw(read(file), target, like=None if points_from is None else read(points_from))
     print(target)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from optsim.cube import Bands
-from scenes.lights import SKIES, AreaLight, PointLight
 from scenes.materials import Lambertian
 from scenes.scene import Scene
 from scenes.spectrum import Spectrum
@@ -202,30 +201,3 @@ def centre_error(scene: Scene, bands: Bands) -> float:
             good = mean > 0
             worst = max(worst, float(np.max(np.abs(centre[good] / mean[good] - 1), initial=0.0)))
     return worst
-
-
-def sky_share(scene: Scene, low_nm: float, high_nm: float) -> float:
-    """Estimate the sky's irradiance on the scene's middle, nothing in between, relative to the lamps'; infinite without lamps.
-
-    Compared at the wavelength that suits the sky best.
-    """
-    box = scene.bounds()
-    middle = np.zeros(3) if box is None else box.mean(0)
-    x = np.linspace(low_nm, high_nm, 257)
-    sky, lamps = np.zeros(x.size), np.zeros(x.size)
-    for light in scene.lights:
-        value = light.spectrum.at(x)
-        if isinstance(light, SKIES):
-            sky += np.pi * value
-        elif isinstance(light, PointLight):
-            lamps += value / max(float(np.sum((np.asarray(light.position) - middle) ** 2)), 1e-300)
-        elif isinstance(light, AreaLight):
-            away = middle - np.asarray(light.center)
-            area = 4 * float(np.linalg.norm(np.cross(light.half_u, light.half_v)))
-            square = max(float(away @ away), area / np.pi)
-            lamps += value * area * max(0.0, float(light.normal @ away)) / square**1.5
-        else:
-            lamps += value
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(sky > 0, sky / lamps, 0.0)
-    return float(share.max())

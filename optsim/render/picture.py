@@ -95,7 +95,7 @@ def _without_samples(
     error = relative_bound(radiance, bound)
     if error.max(initial=0.0) > settings.tolerance:
         return None
-    attrs = provenance(task, config_digest(task, bands)) | {"variant": "none", "llvm_version": "none"}
+    attrs = provenance(task, bands, config_digest(task, bands)) | {"variant": "none", "llvm_version": "none"}
     attrs |= {"samples_per_pixel": 0, "passes": 0, "cut_share": 0.0} | told_error(np.stack([error, 0 * error, error]))
     return _checked(task, bands, radiance, bound, attrs)
 
@@ -160,7 +160,7 @@ def config_digest(task: Renderable | FlatPicture, bands: Bands) -> str:
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
-def provenance(task: Renderable | FlatPicture, digest: str) -> Attrs:
+def provenance(task: Renderable | FlatPicture, bands: Bands, digest: str) -> Attrs:
     """Return the attributes that tell where a cube comes from."""
     return {
         "title": f"radiance of {task.scene.name}",
@@ -178,7 +178,7 @@ def provenance(task: Renderable | FlatPicture, digest: str) -> Attrs:
 
 def _cube(task: Renderable, bands: Bands, state: State, digest: str) -> xr.Dataset:
     backend = start()
-    attrs = provenance(task, digest) | {
+    attrs = provenance(task, bands, digest) | {
         "variant": backend.variant,
         "llvm_version": backend.llvm.version or "none",
         "samples_per_pixel": state.spent,

@@ -14,10 +14,10 @@ from optsim.render.bounds import (
     colour_change,
     colour_spread,
     further_light,
-    sky_share,
     smear_error,
 )
 from optsim.render.depth import depth_for
+from optsim.render.lamps import sky_share
 from optsim.render.needs import TYPICAL_NM, Effect, Needs
 from optsim.render.spectral import transport_nodes
 from scenes.lights import SKIES, AreaLight, DirectionalLight, GradientSky, PointLight

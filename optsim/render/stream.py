@@ -105,7 +105,7 @@ def _stream_flat(sink: CubeSink, task: FlatPicture, bands: Bands, progress: Prog
     if error.max(initial=0.0) > task.settings.tolerance:
         raise NotFlat("the error asked for is not reached")
     more: Attrs = {"variant": "none", "llvm_version": "none", "samples_per_pixel": 0, "passes": 0, "cut_share": 0.0}
-    sink.finish(provenance(task, digest) | more | told_error(np.stack([error, 0 * error, error])))
+    sink.finish(provenance(task, bands, digest) | more | told_error(np.stack([error, 0 * error, error])))
 
 
 def _stream_passes(sink: CubeSink, task: Renderable, bands: Bands, progress: Progress | None, memory: int) -> None:
@@ -136,12 +136,12 @@ def _stream_passes(sink: CubeSink, task: Renderable, bands: Bands, progress: Pro
         sink.rows(part.top, rows[0], rows[1], np.concatenate([bars.notes(), spent]))
         if progress is not None:
             progress(part.bottom / task.film[0], float(bars.bounds()[0].max()) if stderr is not None else None)
-    _close(sink, task, digest, bars if several else None, spent)
+    _close(sink, task, bands, digest, bars if several else None, spent)
 
 
-def _close(sink: CubeSink, task: Renderable, digest: str, bars: ErrorBars | None, spent: np.ndarray) -> None:
+def _close(sink: CubeSink, task: Renderable, bands: Bands, digest: str, bars: ErrorBars | None, spent: np.ndarray) -> None:
     backend = start()
-    attrs = provenance(task, digest) | {"variant": backend.variant, "llvm_version": backend.llvm.version or "none"}
+    attrs = provenance(task, bands, digest) | {"variant": backend.variant, "llvm_version": backend.llvm.version or "none"}
     attrs |= {"samples_per_pixel": round(spent[0]), "passes": int(spent[2]), "cut_share": float(spent[3])}
     if bars is not None:
         bounds = bars.bounds() if task.groups else np.zeros((3, 1))

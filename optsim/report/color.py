@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,6 +17,9 @@ _WHITE = np.linalg.inv(XYZ_TO_RGB) @ np.ones(3)
 D65 = _WHITE / _WHITE[1]
 WHITE_QUANTILE = 0.995
 """The brightest half per cent of pixels, by luminance, is the white of a picture."""
+
+LAMP_SHARE, LAMP_EXCESS = 0.2, 4.0
+"""A pixel that shows a lamp has this share of its luminance at least, and is so many times brighter than nine tenths of the picture."""
 
 
 @lru_cache(maxsize=1)
@@ -55,12 +59,65 @@ class Exposure:
     white: np.ndarray | None
 
 
-def exposure_of(cube: np.ndarray, bands: Bands) -> Exposure:
-    """Take the mean of the brightest half per cent of a picture as its white."""
+@dataclass(frozen=True, eq=False)
+class SceneLight:
+    """Hold what is known of the light of a picture, in its bands.
+
+    Args:
+        white: (K,) radiance of a white surface in it.
+        lamps: (n, K) radiance of each lamp that may be seen.
+    """
+
+    white: np.ndarray
+    lamps: np.ndarray
+
+    @classmethod
+    def of(cls, text: object, count: int) -> SceneLight | None:
+        """Read the attribute ``illuminant`` that a render leaves: JSON; None where it is absent, dark, or of other than K bands."""
+        if not isinstance(text, str):
+            return None
+        try:
+            data = json.loads(text)
+            white = np.asarray(data["white"], np.float64)
+            lamps = np.asarray(data["lamps"], np.float64).reshape(-1, count)
+        except (ValueError, KeyError, TypeError):
+            return None
+        fit = white.shape == (count,) and np.all(np.isfinite(white)) and np.all(np.isfinite(lamps)) and white.min() >= 0 < white.max()
+        return cls(white, lamps) if fit else None
+
+
+def lamps_seen(cube: np.ndarray, bands: Bands, light: SceneLight | None) -> np.ndarray:
+    """Return where a picture shows a lamp itself: (y, x) of bool.
+
+    A pixel does that which is a good part as bright as a lamp and far brighter than nine tenths of the picture.
+    """
+    luminance = xyz(cube, bands)[..., 1]
+    if light is None or not len(light.lamps):
+        return np.zeros(luminance.shape, bool)
+    own = xyz(light.lamps, bands)[:, 1]
+    own = own[own > 0]
+    if not len(own):
+        return np.zeros(luminance.shape, bool)
+    found = (luminance >= LAMP_SHARE * own.min()) & (luminance > LAMP_EXCESS * np.quantile(luminance, 0.9))
+    return found if found.mean() < 0.5 else np.zeros_like(found)
+
+
+def exposure_of(cube: np.ndarray, bands: Bands, light: SceneLight | None = None) -> Exposure:
+    """Take the mean of the brightest half per cent of a picture as its white.
+
+    Args:
+        cube: (y, x, K).
+        bands: its K bands.
+        light: when it is known its colour is the white's, and lamps that are seen do not count as brightest.
+    """
     flat = xyz(cube, bands).reshape(-1, 3)
     luminance = flat[:, 1]
-    white = flat[luminance >= np.quantile(luminance, WHITE_QUANTILE)].mean(0)
-    return Exposure(white if white[1] > 0 and luminance.max() > 0 else None)
+    counted = ~lamps_seen(cube, bands, light).ravel()
+    white = flat[counted & (luminance >= np.quantile(luminance[counted], WHITE_QUANTILE))].mean(0)
+    if not (white[1] > 0 and luminance.max() > 0):
+        return Exposure(None)
+    own = xyz(light.white, bands) if light is not None else white
+    return Exposure(own * white[1] / own[1] if own[1] > 0 else white)
 
 
 def adaptation(white: np.ndarray) -> np.ndarray:

@@ -71,12 +71,13 @@ def figure_frames(gallery: Gallery, target: str, directory: Path) -> Drawn | Non
     return Drawn("frames", "Measured frames", caption, alt, png, pdf)
 
 
-def telling_points(truth: np.ndarray, count: int = 6) -> list[tuple[int, int]]:
+def telling_points(truth: np.ndarray, count: int = 6, without: np.ndarray | None = None) -> list[tuple[int, int]]:
     """Choose (y, x) inside flat, bright patches, spectrally far apart; fewer in a small picture.
 
-    A pixel is flat when it differs from its 3 x 3 mean by at most 3 % of the level, on average over the bands; of these
-    the ones deepest inside their patch are candidates. The brightest comes first, each next one is the farthest, in
-    direction, from those already chosen.
+    A pixel is flat when it differs from its 3 x 3 mean by at most 3 % of the level, on average over the bands, or, in a noisy or
+    textured picture, by less than most bright pixels do; of these the ones deepest inside their patch are candidates. The
+    brightest comes first, each next one is the farthest, in direction, from those already chosen. Pixels ``without`` (y, x)
+    of bool, lamps say, are left out.
     """
     from scipy.ndimage import distance_transform_edt, maximum_filter, uniform_filter
 
@@ -85,7 +86,11 @@ def telling_points(truth: np.ndarray, count: int = 6) -> list[tuple[int, int]]:
     mean = uniform_filter(cube, (3, 3, 1), mode="nearest")
     rough = maximum_filter(np.abs(cube - mean).mean(-1), 3)
     norm = np.linalg.norm(mean, axis=-1)
-    flat = (rough <= 0.03 * level) & (norm > 0) & (level >= 0.15 * np.quantile(level, 0.98))
+    usable = np.ones(level.shape, bool) if without is None or without.all() else ~maximum_filter(without, 3)
+    bright = usable & (norm > 0)
+    bright &= level >= 0.15 * np.quantile(level[bright], 0.98) if bright.any() else True
+    ratio = rough / np.maximum(level, np.finfo(float).tiny)
+    flat = bright & (ratio <= (max(0.03, float(np.quantile(ratio[bright], 0.4))) if bright.any() else 0.0))
     depth = distance_transform_edt(np.pad(flat, 1))[1:-1, 1:-1] if flat.any() else (norm >= np.median(norm)).astype(float)
     where = np.argwhere(depth >= 0.6 * depth.max())
     where = where[:: max(1, len(where) // 4000)]

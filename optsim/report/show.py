@@ -11,7 +11,7 @@ import numpy as np
 
 from optsim.cube import Bands, bands_of
 from optsim.errors import InputError
-from optsim.report.color import exposure_of, srgb
+from optsim.report.color import Exposure, SceneLight, exposure_of, lamps_seen, srgb
 from optsim.report.data import Frames
 from optsim.report.figures_more import frame_image, mark, telling_points
 from optsim.report.figures_target import RADIANCE, chosen_bands, window_box
@@ -30,27 +30,29 @@ MAX_VOXELS = 50_000_000
 MAX_SHOTS = 12
 
 
-def show(data: xr.Dataset, out: Path | str, points: Sequence[tuple[int, int]] | None = None) -> Path:
+def show(data: xr.Dataset, out: Path | str, points: Sequence[tuple[int, int]] | None = None, like: xr.Dataset | None = None) -> Path:
     """Draw a cube, an estimate or frames into a PNG.
 
     Args:
         data: Dataset with ``radiance`` (a cube or an estimate; ``stderr`` optional) or ``frames``.
         out: the PNG to write; its folder is made when it is missing.
         points: (y, x) pixels whose spectra are drawn, at most 8; None chooses up to 6 flat places.
+        like: a cube of the same size, the truth say, from which points, exposure and white are taken.
 
     Returns:
         ``out``.
 
     Raises:
         InputError: field ``file`` when the Dataset is neither, ``points`` when one lies outside, ``radiance`` or
-            ``frames`` when a value is not finite, ``--out`` when the name does not end in .png.
+            ``frames`` when a value is not finite, ``--points-from`` when ``like`` is no cube of the same size, ``--out`` when
+            the name does not end in .png.
     """
     out = Path(out)
     if out.suffix.lower() != ".png":
         raise InputError("--out", str(out), "a file name that ends in .png")
     with styled():
         if "radiance" in data:
-            figure = cube_figure(data, points)
+            figure = cube_figure(data, points, like)
         elif "frames" in data:
             figure = frames_figure(data)
         else:
@@ -85,21 +87,39 @@ def checked_points(points: Sequence[tuple[int, int]], shape: tuple[int, int]) ->
     return [(int(y), int(x)) for y, x in points]
 
 
-def cube_figure(data: xr.Dataset, points: Sequence[tuple[int, int]] | None) -> Figure:
-    """Draw sRGB with numbered points, their spectra, and six bands on one scale."""
+def looked_at(data: xr.Dataset) -> tuple[list[tuple[int, int]], Exposure]:
+    """Choose points and exposure by what a cube shows and, when a render made it, by its light."""
+    small, step = thin(data)
+    cube, bands = checked(small, "radiance"), bands_of(data)
+    light = SceneLight.of(data.attrs.get("illuminant"), bands.count)
+    places = telling_points(cube, without=lamps_seen(cube, bands, light))
+    return [(y * step, x * step) for y, x in places], exposure_of(cube, bands, light)
+
+
+def require_same_size(data: xr.Dataset, like: xr.Dataset) -> None:
+    """Refuse to take points from what is not a cube of the same height and width."""
+    sizes = tuple(data.sizes[d] for d in ("y", "x"))
+    if "radiance" not in like or tuple(like.sizes[d] for d in ("y", "x")) != sizes:
+        raise InputError("--points-from", dict(like.sizes), f"a cube or estimate of {sizes[0]} x {sizes[1]} pixels as the file shown")
+
+
+def cube_figure(data: xr.Dataset, points: Sequence[tuple[int, int]] | None, like: xr.Dataset | None = None) -> Figure:
+    """Draw sRGB with numbered points, their spectra, and six bands on one scale; see ``show``."""
+    if like is not None:
+        require_same_size(data, like)
     shape = (data.sizes["y"], data.sizes["x"])
     wanted = None if points is None else checked_points(points, shape)
     small, step = thin(data)
     cube, bands = checked(small, "radiance"), bands_of(data)
     stderr = checked(small, "stderr") if "stderr" in small else None
-    places = [(y * step, x * step) for y, x in telling_points(cube)] if wanted is None else wanted
+    found, exposure = looked_at(data if like is None else like)
+    places = found if wanted is None else wanted
     index = [n - 1 for n in chosen_bands(bands.count, 6)]
     tall = cube.shape[0] / cube.shape[1]
     strip = min(max(10.0 / len(index) * tall, 0.9), 3.2) if len(index) == 6 else 2.6
     figure = new_figure(10.0, 4.3 + strip + 0.5)
     top, bottom = np.ravel(figure.subfigures(2, 1, height_ratios=[4.3, strip + 0.5], squeeze=False))
     view, plot = top.subplots(1, 2, width_ratios=[1, 1.35])
-    exposure = exposure_of(cube, bands)
     view.imshow(srgb(cube, bands, exposure), extent=(-0.5, shape[1] - 0.5, shape[0] - 0.5, -0.5))
     words = "sRGB under its own light" if exposure.white is not None else "no visible light: mean radiance as grey"
     picture(view, f"{shape[0]} × {shape[1]} × {bands.count}, {words}" + (f", one pixel in {step} each way" if step > 1 else ""))
