@@ -62,6 +62,14 @@ def test_images_calibrate_the_camera_that_made_them():
     assert rows["rotation_deg"] == pytest.approx(0.3, abs=0.05)
 
 
+@pytest.mark.parametrize("offset", [{"offset_x_px": -40.0}, {"offset_y_px": -40.0}, {"offset_x_px": 600.0}])
+def test_spots_out_of_reach_of_their_drawn_places_are_not_mistaken_for_others(offset):
+    """The drawing is wrong by two and a half (or more) distances of open mirrors: the spots nearest to a place are others' spots."""
+    elsewhere = CAMERA.model_copy(update={"dmd": CAMERA.dmd.model_copy(update=offset)})
+    with pytest.raises(InputError, match="spots that stand out"):
+        find_spots(images([520.0]), [520.0], MASK, elsewhere)
+
+
 def test_what_holds_no_spots_is_refused():
     dark = images([520.0])
     dark[0]["frames"] = dark[0]["frames"] * 0
@@ -70,6 +78,7 @@ def test_what_holds_no_spots_is_refused():
         ((dark, [], MASK, CAMERA), "wavelength_nm"),
         ((dark, [520.0], 0 * MASK, CAMERA), "mask"),
         ((dark, [520.0], MASK, CAMERA, 0), "half_px"),
+        ((dark, [520.0], MASK, CAMERA, 8), "mask"),
     ):
         with pytest.raises(InputError, match=field):
             find_spots(*arguments)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -32,14 +33,14 @@ def find_spots(
 ) -> Spots:  # fmt: skip
     """Measure where the light of single open mirrors lands in monochromatic images.
 
-    A spot is sought within 12 px of its place in the drawing. The shape of a mirror's image, with the drawing's blur, is
-    fitted to it in a window: light, place and background, weighted by photons and the image's own background noise. Without
-    blur the centre of mass is taken.
+    A spot is sought within 12 px of its place in the drawing, and nearer to it than to any other mirror's. The shape of a
+    mirror's image, with the drawing's blur, is fitted to it in a window: light, place and background, weighted by photons
+    and the image's own background noise. Without blur the centre of mass is taken.
 
     Args:
         images: frames of a monochrome sensor, one wavelength each, with one shot.
         wavelength_nm: of each image.
-        mask: (1, M, N) with isolated open mirrors, farther apart than 2 x half_px.
+        mask: (1, M, N) with isolated open mirrors, whose images are farther apart than 2 x half_px px along rows or columns.
         camera: the drawing.
         half_px: half the window's side, from 1 to 100 px.
 
@@ -59,6 +60,7 @@ def find_spots(
     if not 1 <= half_px <= 100:
         raise InputError("half_px", half_px, "from 1 to 100 px")
     rows, columns = np.nonzero(mask[0])
+    reach = _reach(rows, columns, camera.mirror_px * camera.dmd.scale, half_px)
     middle = (np.array(mask.shape[1:]) - 1) / 2
     pitch_mm = camera.dmd.pitch_um / 1000
     X, Y = (columns - middle[1]) * pitch_mm, (rows - middle[0]) * pitch_mm
@@ -68,21 +70,40 @@ def find_spots(
         if signal.shape[:2] != (1, 1):
             raise InputError("images", signal.shape, "frames of one shot by a monochrome sensor")
         per_electron = float(image.attrs["gain"]) if image.attrs["units"] == "DN" else 1.0
-        found += _in_image(signal[0, 0] / per_electron, nm, (X, Y), middle, camera, half_px)
+        found += _in_image(signal[0, 0] / per_electron, nm, (X, Y), middle, camera, reach, half_px)
     if not found:
         raise InputError("images", len(images), "images with spots that stand out of the noise, inside the frame")
     return Spots(*(np.array(column) for column in zip(*found)))
 
 
+def _reach(rows: np.ndarray, columns: np.ndarray, mirror_px: float, half_px: int) -> int:
+    """Return how far from its drawn place a spot may be sought without meeting another mirror's, in px."""
+    from scipy.spatial import cKDTree
+
+    if rows.size < 2:
+        return SEARCH_PX
+    places = np.stack([rows, columns], axis=1)
+    apart = float(cKDTree(places).query(places, k=2, p=np.inf)[0][:, 1].min()) * mirror_px
+    if apart <= 2 * half_px:
+        raise InputError("mask", f"open mirrors {apart:.3g} px apart", f"open mirrors farther apart than 2 x half_px = {2 * half_px} px")
+    return min(SEARCH_PX, math.ceil(apart / 2) - 1)
+
+
 def _in_image(
-    electrons: np.ndarray, nm: float, places: tuple[np.ndarray, np.ndarray], middle: np.ndarray, camera: CameraConfig, half_px: int
+    electrons: np.ndarray,
+    nm: float,
+    places: tuple[np.ndarray, np.ndarray],
+    middle: np.ndarray,
+    camera: CameraConfig,
+    reach: int,
+    half_px: int,
 ) -> list[tuple[float, ...]]:
     background, noise = _background(electrons)
     shape = _Shape.of(camera, nm, half_px) if camera.optics.has_blur else None
     x, y, valid = camera.optics.position_px(nm, *places)
     rows: list[tuple[float, ...]] = []
     for X, Y, px, py, ok in zip(*places, x, y, valid):
-        spot = _measure(electrons - background, noise, (py + middle[0], px + middle[1]), half_px, shape) if ok else None
+        spot = _measure(electrons - background, noise, (py + middle[0], px + middle[1]), reach, half_px, shape) if ok else None
         if spot is not None:
             row, column, sigma_row, sigma_column = spot
             rows.append((nm, X, Y, column - middle[1], row - middle[0], sigma_column, sigma_row))
@@ -121,15 +142,18 @@ class _Shape(NamedTuple):
 
 
 def _measure(
-    light: np.ndarray, noise: float, start: tuple[float, float], half: int, shape: _Shape | None
+    light: np.ndarray, noise: float, start: tuple[float, float], reach: int, half: int, shape: _Shape | None
 ) -> tuple[float, float, float, float] | None:
     """Return (row, column, their standard errors) of the brightest spot near a start; None without one inside the frame."""
-    top, left = (max(0, round(c) - SEARCH_PX) for c in start)
-    near = light[top : round(start[0]) + SEARCH_PX + 1, left : round(start[1]) + SEARCH_PX + 1]
+    top, left = (max(0, round(c) - reach) for c in start)
+    bottom, right = (max(0, round(c) + reach + 1) for c in start)
+    near = light[top:bottom, left:right]
     if near.size == 0:
         return None
     peak = np.unravel_index(np.argmax(near), near.shape)
     r, c = top + int(peak[0]), left + int(peak[1])
+    if max(abs(r - round(start[0])), abs(c - round(start[1]))) >= reach:
+        return None  # the flank of a spot that lies farther out
     if not (half <= r < light.shape[0] - half and half <= c < light.shape[1] - half):
         return None
     window = light[r - half : r + half + 1, c - half : c + half + 1]
