@@ -13,6 +13,8 @@ from optsim.render.tiles import Tiles
 FLOAT32_LEVELS = (1e-25, 1e30)
 """Mean radiances between these keep at least 12 decades below them in float32."""
 CONFIDENCE = 0.95
+TAILS = 0.7
+"""Share of the degrees of freedom that counts: noise of paths has heavier tails than a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,6 @@ class ErrorBars:
         tail = (1 - CONFIDENCE) / 2
         found = [error]
         for probability in (tail, 1 - tail):
-            factor = np.sqrt(fdtri(np.where(made > 0, made, 1), np.where(told > 0, told, 1), probability))
+            factor = np.sqrt(fdtri(np.where(made > 0, TAILS * made, 1), np.where(told > 0, TAILS * told, 1), probability))
             found.append(np.where(error > 0, error * factor, 0))
         return np.array(found)
