@@ -11,6 +11,9 @@ from cyclopts import Parameter
 
 from optsim.cli.words import PAPER, Force, Output, Without, find_scene, physics_named, progress_bar, wrote
 
+STREAMED_VALUES = 2**28
+"""Cubes of at least so many values (1 GiB) go to their netCDF file part by part; called again, an interrupted render goes on there."""
+
 
 def render(
     scene: Annotated[str, Parameter(help="Name of a scene (`optsim scenes` lists them) or a scene file (.toml, .json).")],
@@ -32,8 +35,8 @@ def render(
 ) -> None:
     """Render a scene to a cube of spectral radiance in W m^-2 sr^-1 nm^-1, with its Monte Carlo standard error."""
     from optsim.cube import Bands
-    from optsim.files import writable, write
-    from optsim.render import RenderSettings
+    from optsim.files import NetcdfSink, writable, write
+    from optsim.render import RenderSettings, render_to
     from optsim.render import render as render_scene
 
     writable(output)
@@ -47,18 +50,26 @@ def render(
         passes = CameraConfig().bandpass
         table = table.subdivide(subdivide, (passes.lower_nm, passes.upper_nm) if bands.strip() == PAPER else None)
     chosen = find_scene(scene)
+    more: dict[str, str | int | float] = {"bands": bands.strip(), "subdivide": subdivide, "oversample": oversample}
+    side = size * oversample
     with progress_bar("rendering") as progress:
-        cube = render_scene(
-            chosen,
-            table,
-            (size, size),
-            settings,
-            progress=lambda share, now: progress(share, "" if now is None else f"error {now:.2g}"),
-        )
-    cube = cube.assign_attrs(bands=bands.strip(), subdivide=subdivide, oversample=oversample)
-    write(cube, output)
-    wrote(output, cube["radiance"].shape, "(y, x, wavelength)")
-    print(achieved(cube.attrs), file=sys.stderr)
+
+        def told(share: float, now: float | None) -> None:
+            progress(share, "" if now is None else f"error {now:.2g}")
+
+        if output.suffix == ".nc" and side * side * table.count >= STREAMED_VALUES:
+            sink = NetcdfSink(output, more)
+            try:
+                render_to(sink, chosen, table, (size, size), settings, told)
+            finally:
+                sink.close()
+            attrs = sink.attrs
+        else:
+            cube = render_scene(chosen, table, (size, size), settings, told).assign_attrs(more)
+            write(cube, output)
+            attrs = cube.attrs
+    wrote(output, (side, side, table.count), "(y, x, wavelength)")
+    print(achieved(attrs), file=sys.stderr)
 
 
 def achieved(attrs: Mapping[str, Any]) -> str:

@@ -20,12 +20,16 @@ class NetcdfSink:
     Args:
         path: file to write; its folder is made.
         attrs: attributes to add to the render's own.
+
+    Attributes:
+        attrs: all attributes of the file, once it is finished.
     """
 
     def __init__(self, path: Path | str, attrs: Mapping[str, str | int | float] | None = None) -> None:
         self._path, self._more = Path(path), dict(attrs or {})
         self._part = self._path.with_name(f".{self._path.name}.part")
         self._file: Any = None
+        self.attrs: dict[str, str | int | float] = {}
 
     def begin(
         self, shape: tuple[int, int, int], bands: Bands, dtype: type[np.floating], stderr: bool, digest: str
@@ -97,7 +101,8 @@ class NetcdfSink:
         for name in ("unfinished_digest", "unfinished_rows", "unfinished_notes"):
             if name in self._file.attrs:
                 del self._file.attrs[name]
-        for name, value in {**attrs, **self._more}.items():
+        self.attrs = {**attrs, **self._more}
+        for name, value in self.attrs.items():
             self._file.attrs[name] = value
         self._file.close()
         self._file = None

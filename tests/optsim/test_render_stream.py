@@ -123,3 +123,13 @@ def test_memory_does_not_grow_with_the_cube(tmp_path):
     cube = 768 * 768 * 240 * 4 / 2**20
     assert (tmp_path / "cube.nc").stat().st_size > cube * 2**20
     assert large - small < 0.6 * cube  # in one piece the float64 accumulators and the cube itself would take 5 times its size
+
+
+def test_the_command_streams_large_cubes_and_writes_the_same_file(tmp_path, monkeypatch, capsys):
+    from optsim.cli import render as command
+
+    for name, limit in (("whole.nc", 2**28), ("streamed.nc", 1)):
+        monkeypatch.setattr(command, "STREAMED_VALUES", limit)
+        command.render("relief", output=tmp_path / name, size=8, spp=4)
+        assert "4 paths a pixel" in capsys.readouterr().err
+    require_equal(read_cube(tmp_path / "streamed.nc"), read_cube(tmp_path / "whole.nc"))
