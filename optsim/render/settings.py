@@ -37,7 +37,7 @@ class RenderSettings(BaseModel):
             (1e-5 to 1); None with no ``samples_per_pixel`` means 0.01.
         samples_per_pixel: render exactly this many paths a pixel instead, 1 to 2^24 (rounded up to whole passes).
         seed: 0 to 2^32 - 1; the same seed gives the same bytes on the same machine.
-        max_samples: give up on ``error`` here, with a warning, 4 to 2^24 paths a pixel.
+        max_samples: give up on ``error`` here, with a warning, 4 to 2^24 paths a pixel in any tile.
         max_depth: count emission and max_depth - 1 reflections, 1 to 2^16; None lets the scene decide.
         force: effects to compute whatever the scene requires.
         without: effects to leave out whatever the scene requires.
