@@ -29,7 +29,7 @@ class FieldAperture:
         dtype: float32 or float64, of the arrays that forward and adjoint return.
 
     Raises:
-        InputError: for a wrong shape or value; field ``masks`` or ``response`` with "camera sees nothing" when H = 0.
+        InputError: for a wrong shape or value; field ``masks``, ``first_column`` or ``gain`` with "camera sees nothing" when H = 0.
     """
 
     def __init__(
@@ -63,6 +63,11 @@ class FieldAperture:
         self.readout.check(self.out_shape[1:])
         if not self.masks.any() or not self.response.any() or not spread.taps.any():
             raise InputError("masks", "no light", "such that masks, response and taps are not all 0: the camera sees nothing")
+        if not spread.meets(rows, columns, self.width):
+            allowed = f"such that light lands on the sensor's {rows} rows and {self.width} columns: the camera sees nothing"
+            raise InputError("first_column", (int(spread.first_column.min()), int(spread.first_column.max())), allowed)
+        if self.readout.gain is not None and not self.readout.gain.any():
+            raise InputError("gain", 0.0, "above 0 somewhere: the camera sees nothing")
         self._arguments = self._kernel_arguments()
 
     @property

@@ -53,6 +53,13 @@ class Spread:
             if shape[1] not in (1, rows) or shape[2] not in (1, columns):
                 raise InputError(name, shape, f"of shape (bands, 1 or {rows}, 1 or {columns}, ...)")
 
+    def meets(self, rows: int, columns: int, width: int) -> bool:
+        """Tell whether some tap of some mirror (M, N) lies on the sensor (M, W)."""
+        row = self.first_row + np.arange(rows)[:, None]
+        column = self.first_column + np.arange(columns)
+        down, across = self.taps.shape[3:]
+        return bool(np.any((row < rows) & (row > -down) & (column < width) & (column > -across)))
+
     @property
     def in_row(self) -> bool:
         """Tell whether all light stays in its mirror's row."""

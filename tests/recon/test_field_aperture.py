@@ -44,11 +44,10 @@ def camera(
     draw = np.random.Generator(np.random.Philox(seed))
     rows, columns = size
     place = (bands, rows if field[0] else 1, columns if field[1] else 1)
-    spread = Spread(
-        draw.integers(-2, 2, place) if row else np.zeros(place, int),
-        np.arange(bands)[:, None, None] + draw.integers(-1, 2, place),
-        draw.standard_normal((*place, *taps)),
-    )
+    first_row = draw.integers(-2, 2, place) if row else np.zeros(place, int)
+    first_column = np.arange(bands)[:, None, None] + draw.integers(-1, 2, place)
+    first_row[0, 0, 0] = first_column[0, 0, 0] = 0  # some light lands on the sensor
+    spread = Spread(first_row, first_column, draw.standard_normal((*place, *taps)))
     width = columns + bands
     mosaic = draw.integers(0, 3, (rows, width)) if sensor == "bayer" else None
     masks = draw.random((shots, rows, columns)) * (draw.random((shots, rows, columns)) < 0.7)
@@ -155,6 +154,9 @@ def test_binned_layers_keep_their_sum_also_in_partial_blocks():
         ("masks", {"masks": np.zeros((2, 5, 6))}),
         ("masks", {"masks": np.full((2, 5, 6), 1.5)}),
         ("mosaic", {"mosaic": np.zeros((5, 5), int)}),
+        ("first_column", {"spread": Spread(np.zeros(3, int), np.full(3, 10**6), np.ones((3, 1, 1, 1, 1)))}),
+        ("first_column", {"spread": Spread(np.full(3, -5), np.zeros(3, int), np.ones((3, 1, 1, 1, 1)))}),
+        ("gain", {"readout": Readout(gain=np.zeros((5, 8)))}),
     ],
 )
 def test_misuse_of_the_field_operator_names_the_field(field, change):
