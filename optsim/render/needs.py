@@ -12,6 +12,7 @@ from optsim.cube import Bands
 from optsim.errors import InputError
 from optsim.render.choice import EFFECTS, FREE, Choices, Physics
 from optsim.render.depth import MAX_DEPTH, depth_for
+from optsim.render.furnace import losses
 from optsim.render.spectral import LightGroup, light_groups, material_spectra, transport_nodes
 from scenes.lights import SKIES
 from scenes.materials import Dielectric
@@ -189,6 +190,15 @@ class Needs:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return what the render cannot do as asked, each with a number and a remedy."""
+        return (*self.material_warnings, *self._depth_warnings)
+
+    @property
+    def material_warnings(self) -> tuple[str, ...]:
+        """Return a sentence for each material that the renderer lets lose more light than the error asked for."""
+        return tuple(losses(self.source, self.error))
+
+    @property
+    def _depth_warnings(self) -> tuple[str, ...]:
         left = min(1.0, largest_albedo(self.source) * self.covered.mean)
         if not self.on(Physics.INTERREFLECTION) or left**MAX_DEPTH < self.error:
             return ()

@@ -50,10 +50,12 @@ def render(
         checkpoint: file to save to now and then (and on Ctrl-C) and to resume from; another configuration's is overwritten.
 
     Returns:
-        Dataset with ``radiance`` and ``stderr`` (Monte Carlo standard error of each value, an upper bound in wide bands), dims
-        (y, x, wavelength), W m^-2 sr^-1 nm^-1, float32 (float64 where float32 has no such numbers); ``stderr`` is missing with one
-        sample a pixel. Attrs: config_digest, seed, versions, variant, samples_per_pixel, passes, error (estimated), integrator,
-        max_depth, cut_share (upper bound of the share of light cut off there), transport_nodes.
+        Dataset with ``radiance`` and ``stderr`` (Monte Carlo standard error of each value, an upper bound in wide bands; of flat
+        scenes rendered without samples a bound of the error), dims (y, x, wavelength), W m^-2 sr^-1 nm^-1, float32 (float64 where
+        float32 has no such numbers); ``stderr`` is missing with one sample a pixel. Attrs: config_digest, seed, versions, variant,
+        integrator, max_depth, cut_share (upper bound of the share of light cut off there), transport_nodes; samples_per_pixel (mean over
+        the picture, 0 without samples), samples_per_pixel_most, passes; error (relative RMS error in the worst band), error_low and
+        error_high (95 % interval of the error made), error_by_band (JSON): the errors are missing with one sample a pixel.
 
     Raises:
         InputError: ``render.*`` for settings, ``materials.*`` and ``lights[i]`` for spectra that do not cover the bands.
@@ -130,9 +132,8 @@ def picture(
     settings = RenderSettings() if settings is None else settings
     film = film_size(size, settings.oversample)
     task = route(scene, bands, film, settings)
-    if settings.max_depth is None:
-        for sentence in task.needs.warnings:
-            warnings.warn(sentence, RuntimeWarning, stacklevel=3)
+    for sentence in task.needs.warnings if settings.max_depth is None else task.needs.material_warnings:
+        warnings.warn(sentence, RuntimeWarning, stacklevel=3)
     digest = config_digest(task, bands)
     state = run(task, progress, Path(checkpoint) if checkpoint is not None else None, digest)
     if settings.max_depth is None and Physics.INTERREFLECTION not in settings.without and state.cut > settings.tolerance / 10:
@@ -172,7 +173,7 @@ def provenance(task: Renderable | FlatPicture, bands: Bands, digest: str) -> Att
         "max_depth": task.max_depth,
         "transport_nodes": int(task.nodes.size),
         "effects": json.dumps({row.pop("name"): row for row in task.needs.as_dict()["effects"]}),
-        "illuminant": json.dumps(light_of(task.needs.modelled, bands)),
+        "illuminant": json.dumps(light_of(task.needs.modelled, bands, task.film[1] / task.film[0])),
     }
 
 

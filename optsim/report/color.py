@@ -89,7 +89,8 @@ class SceneLight:
 def lamps_seen(cube: np.ndarray, bands: Bands, light: SceneLight | None) -> np.ndarray:
     """Return where a picture shows a lamp itself: (y, x) of bool.
 
-    A pixel does that which is a good part as bright as a lamp and far brighter than nine tenths of the picture.
+    A pixel does that which is a good part as bright as a lamp and far brighter than nine tenths of the picture; so do its
+    neighbours, which a lamp may cover in part.
     """
     luminance = xyz(cube, bands)[..., 1]
     if light is None or not len(light.lamps):
@@ -99,7 +100,11 @@ def lamps_seen(cube: np.ndarray, bands: Bands, light: SceneLight | None) -> np.n
     if not len(own):
         return np.zeros(luminance.shape, bool)
     found = (luminance >= LAMP_SHARE * own.min()) & (luminance > LAMP_EXCESS * np.quantile(luminance, 0.9))
-    return found if found.mean() < 0.5 else np.zeros_like(found)
+    if not 0 < found.mean() < 0.5:
+        return np.zeros_like(found)
+    around = np.pad(found, 1)
+    height, width = found.shape
+    return np.any([around[i : i + height, j : j + width] for i in range(3) for j in range(3)], axis=0)
 
 
 def exposure_of(cube: np.ndarray, bands: Bands, light: SceneLight | None = None) -> Exposure:

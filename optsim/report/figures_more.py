@@ -71,6 +71,11 @@ def figure_frames(gallery: Gallery, target: str, directory: Path) -> Drawn | Non
     return Drawn("frames", "Measured frames", caption, alt, png, pdf)
 
 
+FLAT = 0.03
+SAME_COLOUR = 0.01
+"""Angle in radians below which two spectra count as one."""
+
+
 def telling_points(truth: np.ndarray, count: int = 6, without: np.ndarray | None = None) -> list[tuple[int, int]]:
     """Choose (y, x) inside flat, bright patches, spectrally far apart; fewer in a small picture.
 
@@ -79,7 +84,7 @@ def telling_points(truth: np.ndarray, count: int = 6, without: np.ndarray | None
     brightest comes first, each next one is the farthest, in direction, from those already chosen. Pixels ``without`` (y, x)
     of bool, lamps say, are left out.
     """
-    from scipy.ndimage import distance_transform_edt, maximum_filter, uniform_filter
+    from scipy.ndimage import distance_transform_edt, label, maximum, maximum_filter, uniform_filter
 
     cube = np.asarray(truth, np.float64)
     level = cube.mean(-1)
@@ -90,9 +95,12 @@ def telling_points(truth: np.ndarray, count: int = 6, without: np.ndarray | None
     bright = usable & (norm > 0)
     bright &= level >= 0.15 * np.quantile(level[bright], 0.98) if bright.any() else True
     ratio = rough / np.maximum(level, np.finfo(float).tiny)
-    flat = bright & (ratio <= (max(0.03, float(np.quantile(ratio[bright], 0.4))) if bright.any() else 0.0))
+    limit = max(FLAT, float(np.quantile(ratio[bright], 0.4))) if bright.any() else 0.0
+    flat = bright & (ratio <= limit)
     depth = distance_transform_edt(np.pad(flat, 1))[1:-1, 1:-1] if flat.any() else (norm >= np.median(norm)).astype(float)
-    where = np.argwhere(depth >= 0.6 * depth.max())
+    patch, count_of = label(depth > 0)
+    deepest = np.append(0.0, maximum(depth, patch, np.arange(1, count_of + 1)))
+    where = np.argwhere((depth >= 0.6 * deepest[patch]) & (deepest[patch] >= min(1.0 if limit == FLAT else 2.0, depth.max())))
     where = where[:: max(1, len(where) // 4000)]
     y, x = where.T
     directions = mean[y, x] / np.maximum(norm[y, x], np.finfo(float).tiny)[:, None]
@@ -100,7 +108,7 @@ def telling_points(truth: np.ndarray, count: int = 6, without: np.ndarray | None
     distance = np.full(len(where), np.inf)
     while len(chosen) < min(count, len(where)):
         distance = np.minimum(distance, np.linalg.norm(directions - directions[chosen[-1]], axis=1))
-        if distance.max() <= 1e-3:
+        if distance.max() <= SAME_COLOUR:
             break
         chosen.append(int(np.argmax(distance)))
     return [(int(y[i]), int(x[i])) for i in chosen]

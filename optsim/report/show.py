@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,13 +88,23 @@ def checked_points(points: Sequence[tuple[int, int]], shape: tuple[int, int]) ->
     return [(int(y), int(x)) for y, x in points]
 
 
-def looked_at(data: xr.Dataset) -> tuple[list[tuple[int, int]], Exposure]:
-    """Choose points and exposure by what a cube shows and, when a render made it, by its light."""
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Hold how a cube is to be shown: points (y, x), exposure, and the radiance that is white in single bands."""
+
+    points: list[tuple[int, int]]
+    exposure: Exposure
+    top: float
+
+
+def looked_at(data: xr.Dataset) -> Look:
+    """Choose how to show a cube by what it contains and, when a render made it, by its light."""
     small, step = thin(data)
     cube, bands = checked(small, "radiance"), bands_of(data)
     light = SceneLight.of(data.attrs.get("illuminant"), bands.count)
-    places = telling_points(cube, without=lamps_seen(cube, bands, light))
-    return [(y * step, x * step) for y, x in places], exposure_of(cube, bands, light)
+    lamps = lamps_seen(cube, bands, light)
+    places = [(y * step, x * step) for y, x in telling_points(cube, without=lamps)]
+    return Look(places, exposure_of(cube, bands, light), float(cube[~lamps].max()))
 
 
 def require_same_size(data: xr.Dataset, like: xr.Dataset) -> None:
@@ -112,21 +123,21 @@ def cube_figure(data: xr.Dataset, points: Sequence[tuple[int, int]] | None, like
     small, step = thin(data)
     cube, bands = checked(small, "radiance"), bands_of(data)
     stderr = checked(small, "stderr") if "stderr" in small else None
-    found, exposure = looked_at(data if like is None else like)
-    places = found if wanted is None else wanted
+    look = looked_at(data if like is None else like)
+    places = look.points if wanted is None else wanted
     index = [n - 1 for n in chosen_bands(bands.count, 6)]
     tall = cube.shape[0] / cube.shape[1]
     strip = min(max(10.0 / len(index) * tall, 0.9), 3.2) if len(index) == 6 else 2.6
     figure = new_figure(10.0, 4.3 + strip + 0.5)
     top, bottom = np.ravel(figure.subfigures(2, 1, height_ratios=[4.3, strip + 0.5], squeeze=False))
     view, plot = top.subplots(1, 2, width_ratios=[1, 1.35])
-    view.imshow(srgb(cube, bands, exposure), extent=(-0.5, shape[1] - 0.5, shape[0] - 0.5, -0.5))
-    words = "sRGB under its own light" if exposure.white is not None else "no visible light: mean radiance as grey"
+    view.imshow(srgb(cube, bands, look.exposure), extent=(-0.5, shape[1] - 0.5, shape[0] - 0.5, -0.5))
+    words = "sRGB under its own light" if look.exposure.white is not None else "no visible light: mean radiance as grey"
     picture(view, f"{shape[0]} × {shape[1]} × {bands.count}, {words}" + (f", one pixel in {step} each way" if step > 1 else ""))
     draw_spectra(plot, data, bands, places)
     for number, ((y, x), color) in enumerate(zip(places, POINT_COLORS), start=1):
         mark(view, y, x, number, color)
-    draw_bands(bottom, cube, stderr, bands, index)
+    draw_bands(bottom, cube, stderr, bands, index, look.top)
     return figure
 
 
@@ -147,17 +158,18 @@ def draw_spectra(plot: Axes, data: xr.Dataset, bands: Bands, places: list[tuple[
     plot.legend(loc="best", fontsize=7.5)
 
 
-def draw_bands(panel: SubFigure, cube: np.ndarray, stderr: np.ndarray | None, bands: Bands, index: list[int]) -> None:
-    """Draw bands as grey pictures on one scale with a colour bar."""
+def draw_bands(panel: SubFigure, cube: np.ndarray, stderr: np.ndarray | None, bands: Bands, index: list[int], top: float) -> None:
+    """Draw bands as grey pictures on one scale up to ``top`` with a colour bar."""
     from matplotlib.colors import PowerNorm
 
     axes = np.ravel(panel.subplots(1, len(index), squeeze=False))
     low, high = 0.0, float(cube.max())  # an estimate may dip below zero: black
-    scale = high if high > low else low + 1.0
+    scale = top if top > low else high if high > low else low + 1.0
     for ax, k in zip(axes, index):
         image = ax.imshow(cube[..., k], cmap="gray", norm=PowerNorm(0.5, vmin=low, vmax=scale))
         picture(ax, f"{bands.center[k]:.1f} nm")
-    bar = panel.colorbar(image, ax=list(axes), location="bottom", aspect=60, shrink=0.7, extend="min" if cube.min() < 0 else "neither")
+    beyond = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[int(cube.min() < 0), int(high > scale)]
+    bar = panel.colorbar(image, ax=list(axes), location="bottom", aspect=60, shrink=0.7, extend=beyond)
     flat = " (all values are equal)" if float(cube.min()) == high else ""
     noise = ""
     if stderr is not None:

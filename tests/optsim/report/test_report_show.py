@@ -1,5 +1,7 @@
 """One file, one picture: cubes down to one pixel, frames of every sensor, and refusals by name."""
 
+import json
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,8 +9,9 @@ from PIL import Image
 
 from optsim.cube import Bands, make_cube
 from optsim.errors import InputError
+from optsim.report.color import SceneLight, srgb
 from optsim.report.data import Capture
-from optsim.report.show import cube_figure, show, thin
+from optsim.report.show import cube_figure, looked_at, show, thin
 from optsim.report.style import styled
 
 
@@ -91,3 +94,50 @@ def test_a_file_of_another_kind_or_name_is_refused(tmp_path):
         show(xr.Dataset({"temperature": ("x", [1.0])}), tmp_path / "x.png")
     with pytest.raises(InputError, match="--out"):
         show(make_cube(np.ones((2, 2, 24)), Bands.paper()), tmp_path / "x.html")
+
+
+def lit(cube, white, lamps=()):
+    data = make_cube(cube, Bands.paper())
+    return data.assign_attrs(illuminant=json.dumps({"white": list(white), "lamps": [list(lamp) for lamp in lamps]}))
+
+
+def test_a_lamp_in_the_picture_sets_neither_its_exposure_nor_its_points():
+    """A room of two greys with a lamp a hundred times as bright, and the lamp's edge half covered."""
+    cube = np.full((40, 40, 24), 0.1)
+    cube[:, 20:] *= 0.5
+    without = lit(cube, np.full(24, 0.2), [np.full(24, 10.0)])
+    cube = cube.copy()
+    cube[4:8, 4:12] = 10.0
+    cube[8, 4:12] = 5.0
+    look, plain = looked_at(lit(cube, np.full(24, 0.2), [np.full(24, 10.0)])), looked_at(without)
+    np.testing.assert_allclose(look.exposure.white, plain.exposure.white)
+    assert look.top == pytest.approx(0.1)
+    assert not any(3 <= y <= 9 and 3 <= x <= 12 for y, x in look.points)
+    assert looked_at(make_cube(cube, Bands.paper())).top == 10.0, "nothing is known of a lamp there"
+
+
+def test_the_white_of_a_picture_is_its_lamps_colour_and_not_its_brightest_surfaces():
+    red = np.linspace(0.1, 1.0, 24)
+    cube = np.broadcast_to(0.3 * red, (20, 20, 24)).copy()
+    flat = looked_at(lit(cube, np.ones(24))).exposure
+    own = looked_at(make_cube(cube, Bands.paper())).exposure
+    shown = srgb(cube, Bands.paper(), flat)[0, 0]
+    assert shown[0] > shown[2] + 0.2, "red under white light"
+    np.testing.assert_allclose(srgb(cube, Bands.paper(), own)[0, 0], 1.0, atol=1e-3)
+
+
+def test_an_estimate_is_shown_at_the_points_and_in_the_exposure_of_the_truth(tmp_path):
+    rng = np.random.Generator(np.random.Philox(5))
+    truth = np.kron(rng.uniform(0.1, 1, (3, 3, 24)), np.ones((10, 10, 1)))
+    estimate = make_cube(truth * rng.uniform(0.5, 1.5, truth.shape), Bands.paper())
+    with styled():
+        figure = cube_figure(estimate, None, make_cube(truth, Bands.paper()))
+    for y, x in looked_at(make_cube(truth, Bands.paper())).points:
+        assert f"y {y}, x {x}" in words(figure)
+    with pytest.raises(InputError, match="--points-from"):
+        show(estimate, tmp_path / "c.png", like=make_cube(truth[:-1], Bands.paper()))
+
+
+@pytest.mark.parametrize("text", [None, "", "{}", '{"white": [1, 2], "lamps": []}', '{"white": "x", "lamps": 3}'])
+def test_an_attribute_about_light_that_does_not_fit_is_ignored(text):
+    assert SceneLight.of(text, 24) is None
