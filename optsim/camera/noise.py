@@ -97,13 +97,15 @@ def expose(
         sites: (C, M, W) bool, where a layer has a pixel; elsewhere the dark level is written, without noise.
 
     Raises:
-        InputError: ``exposure_s``, ``offset_e``, ``radiance`` (mean not finite, negative or too large), or see :meth:`Noise.gain`.
+        InputError: ``exposure_s``, ``offset_e``, ``sites``, ``seed``, ``radiance`` (mean not finite, negative or too large),
+                or see :meth:`Noise.gain`.
     """
     mean, gain = _means(mean_e), noise.gain(full_well_e)
-    pattern = np.zeros(1) if offset_e is None else np.asarray(offset_e, np.float64)
-    if not np.all(np.isfinite(pattern)):
-        raise InputError("offset_e", "not finite", "finite electrons in every pixel")
-    pattern = np.broadcast_to(pattern, mean.shape[1:])
+    if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
+        raise InputError("seed", seed, "an integer from 0 to 2^63 - 1")
+    pattern = _pattern(offset_e, mean.shape[1:])
+    if sites is not None and sites.shape != mean.shape[1:]:
+        raise InputError("sites", sites.shape, f"of the frames' shape {mean.shape[1:]} (channel, y, x)")
     dark_e = _dark(noise, mean, full_well_e, exposure_s)
     dark_dn = noise.offset_dn + gain * dark_e
     dn = np.full(mean.shape, dark_dn)
@@ -120,6 +122,17 @@ def expose(
         np.copyto(dn[shot, channel], read, where=here)
         saturated += int(np.count_nonzero((full | (read == noise.top_dn)) & here))
     return Exposed(dn, gain, dark_dn, saturated)
+
+
+def _pattern(offset_e: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the pixels' own offsets (C, M, W) in electrons."""
+    pattern = np.zeros(1) if offset_e is None else np.asarray(offset_e, np.float64)
+    if not np.all(np.isfinite(pattern)):
+        raise InputError("offset_e", "not finite", "finite electrons in every pixel")
+    try:
+        return np.broadcast_to(pattern, shape)
+    except ValueError:
+        raise InputError("offset_e", pattern.shape, f"broadcastable to (channel, y, x) = {shape}") from None
 
 
 def _dark(noise: Noise, mean: np.ndarray, full_well_e: float, exposure_s: float) -> float:

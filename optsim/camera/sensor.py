@@ -86,6 +86,8 @@ class Sensor(Model, ABC):
             InputError: field ``sensor.curve`` naming the range that a curve lacks.
         """
         wavelength = np.asarray(wavelength_nm, np.float64)
+        if wavelength.size == 0:
+            return np.zeros((len(self.curves), *wavelength.shape))
         self.check_range(float(wavelength.min()), float(wavelength.max()))
         return np.stack([curve.at(wavelength) for curve in self.curves])
 

@@ -65,6 +65,21 @@ def test_pixels_that_a_layer_lacks_read_the_dark_level_without_noise():
     np.testing.assert_array_equal(exposed.dn[:, sites], whole.dn[:, sites])
 
 
+@pytest.mark.parametrize(
+    ("field", "wrong"),
+    [
+        ("seed", {"seed": -1}),
+        ("seed", {"seed": 1.5}),
+        ("offset_e", {"offset_e": np.ones((2, 2))}),
+        ("sites", {"sites": np.ones((3, 4, 6), bool)}),
+        ("exposure_s", {"exposure_s": np.nan}),
+    ],
+)
+def test_exposures_of_other_shapes_and_without_a_seed_are_refused_by_name(field, wrong):
+    with pytest.raises(InputError, match=field):
+        expose(np.ones((1, 1, 4, 6)), Noise(), **{"full_well_e": 1e4, "exposure_s": 1.0, "seed": 0, **wrong})
+
+
 @pytest.fixture
 def judge(monkeypatch):
     pytest.importorskip("emva1288")
