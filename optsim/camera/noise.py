@@ -98,7 +98,7 @@ def expose(
 
     Raises:
         InputError: ``exposure_s``, ``offset_e``, ``sites``, ``seed``, ``radiance`` (mean not finite, negative or too large),
-                or see :meth:`Noise.gain`.
+            or see :meth:`Noise.gain`.
     """
     mean, gain = _means(mean_e), noise.gain(full_well_e)
     if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
