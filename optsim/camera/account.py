@@ -8,10 +8,9 @@ import numpy as np
 
 from optsim.camera.arrays import Array, Kernels
 from optsim.camera.field import FieldMap
-from optsim.camera.gather import SLAB_BYTES, Rows, line_at, polynomial
+from optsim.camera.gather import SLAB_BYTES, Rows
 from optsim.camera.layout import Account, Layout, Weights
-
-SHOTS_TOGETHER = 4
+from optsim.camera.row_kernels import line_at, polynomial
 
 
 class Moments:
@@ -20,7 +19,6 @@ class Moments:
     From them follows the light of all wavelengths, and what passes the prism, without any place on the sensor.
 
     Args:
-        k: Dr.Jit and its types.
         states: (L, M, N) float64 of the mirrors.
         samples: s.
         powers: how many powers of xi.
@@ -28,18 +26,19 @@ class Moments:
         count: n, its wavelengths.
     """
 
-    def __init__(self, k: Kernels, states: np.ndarray, samples: int, powers: int, rows: Rows, count: int) -> None:
+    def __init__(self, states: np.ndarray, samples: int, powers: int, rows: Rows, count: int) -> None:
         shots, mirrors_y, mirrors_x = states.shape
-        self.samples, height, width = samples, mirrors_y * samples, mirrors_x * samples
-        self.sums = np.zeros((shots, powers, height, count))
+        height, width = mirrors_y * samples, mirrors_x * samples
+        xi = (np.arange(width) + 0.5) / (width / 2) - 1
+        basis = np.stack([xi**a for a in range(powers)])
+        sums = np.zeros((height, shots * powers, count))
         step = max(samples, SLAB_BYTES // (width * count * 4) // samples * samples)
         for first in range(0, height, step):
-            last = min(height, first + step)
-            cube = k.backend.Float32(np.ascontiguousarray(rows(first, last, slice(None)), np.float32).ravel())
-            for l in range(0, shots, SHOTS_TOGETHER):
-                chosen = states[l : l + SHOTS_TOGETHER, first // samples : -(-last // samples)]
-                self.sums[l : l + SHOTS_TOGETHER, :, first:last] = _moments(k, chosen, samples, powers, cube, (last - first, width, count))
-        self.sums /= samples**2
+            cube = rows(first, min(height, first + step), slice(None))
+            for v, row in enumerate(cube, first):
+                open_ = np.repeat(states[:, v // samples], samples, axis=1)
+                np.matmul((open_[:, None] * basis).reshape(-1, width), row.astype(np.float64), out=sums[v])
+        self.sums = np.moveaxis(sums.reshape(height, shots, powers, count), 0, 2) / samples**2
 
     def light(self) -> np.ndarray:
         """Return (L, n): radiance summed over the open mirrors."""
@@ -52,40 +51,6 @@ class Moments:
         basis = np.stack([eta**p for p in field.powers[2]])
         by_power = np.einsum("pv,lavn->lapn", basis, self.sums[:, : table.shape[1]], optimize=True)
         return np.asarray(np.einsum("nap,lapn->ln", table, by_power) * field.valid)
-
-
-def _moments(k: Kernels, states: np.ndarray, samples: int, powers: int, cube: Array, shape: tuple[int, int, int]) -> np.ndarray:
-    """Return (shots, powers, rows, n): a thread a row and four wavelengths, the loop along the row inside."""
-    t, dr, (height, width, count) = k.backend, k.dr, shape
-    shots, wide = len(states), 4 if count % 4 == 0 else 1
-    kind = t.Array4f if wide == 4 else t.Float32
-    values = [t.Float64(np.ascontiguousarray(s, np.float64).ravel()) for s in states]
-    thread = dr.arange(t.UInt32, height * count // wide)
-    span, columns, mirrors = (k.opaque(t.UInt32, v) for v in (count // wide, width, states.shape[2]))
-    v, w = thread // span, thread % span
-    half = k.opaque(t.Float64, width / 2)
-    line = v // samples * mirrors
-
-    def body(u: Array, *sums: Array) -> tuple[Array, ...]:
-        packet = dr.gather(kind, cube, (v * columns + u) * span + w)
-        light = [t.Float64(packet[i]) for i in range(wide)] if wide > 1 else [t.Float64(packet)]
-        xi = (t.Float64(u) + 0.5) / half - 1
-        added = list(sums)
-        for l, state in enumerate(values):
-            open_ = dr.gather(t.Float64, state, line + u // samples)
-            for a in range(powers):
-                for i in range(wide):
-                    index = (l * powers + a) * wide + i
-                    added[index] = dr.fma(light[i], open_, added[index])
-                open_ = open_ * xi
-        return (u + 1, *added)
-
-    start = (t.UInt32(0), *(dr.zeros(t.Float64, height * count // wide) for _ in range(shots * powers * wide)))
-    labels = ("u", *(f"s{i}" for i in range(len(start) - 1)))
-    result = dr.while_loop(start, lambda u, *sums: u < columns, body, labels=labels)
-    dr.eval(result)
-    sums = np.stack([np.array(s) for s in result[1:]]).reshape(shots, powers, wide, height, count // wide)
-    return np.moveaxis(sums, 2, -1).reshape(shots, powers, height, count)
 
 
 def account(k: Kernels, layout: Layout, weights: Weights, states: np.ndarray, moments: Moments, rows: Rows) -> Account:

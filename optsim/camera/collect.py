@@ -223,7 +223,7 @@ def _accounts(layouts: list[Layout], shares: np.ndarray, scene: Scene, weights: 
     moments = None
     if k is not None and maps:
         powers, samples = powers_of_xi(maps), scene.fine.samples
-        moments = Moments(k, scene.states, samples, powers, scene.fine.rows, weights.arriving.size)
+        moments = Moments(scene.states, samples, powers, scene.fine.rows, weights.arriving.size)
     total = np.zeros((len(fields(Account)), len(scene.states)))
     for layout, share in zip(layouts, shares):
         if k is not None and moments is not None and isinstance(layout.field, FieldMap):

@@ -107,6 +107,9 @@ def _reach(blur: Blur, wavelength_nm: float, sub: int, largest_px: int) -> int:
 class Blurred:
     """Add up planes of light, one node of wavelengths after the other, and return the blurred frames.
 
+    Cells that lie alike in their pixels are one picture of pixels, and blurring and binning one convolution of it
+    (theory.md (C.42)): only pictures of the frame's fineness are transformed.
+
     Args:
         kernels: of all nodes.
         grid: on which the light is laid; it holds the frame.
@@ -118,38 +121,49 @@ class Blurred:
         from scipy import fft
 
         self.kernels, self.grid, self.frame, self._fft = kernels, grid, frame, fft
-        self._size = tuple(fft.next_fast_len(max(n + kernels.reach_cells, 2 * kernels.reach_cells + 1), real=True) for n in grid.cells)
+        self._reach = kernels.reach_px
+        self._size = tuple(fft.next_fast_len(max(n + self._reach, 2 * self._reach + 1), real=True) for n in grid.pixels)
         self._spectrum = np.zeros((*shape, self._size[0], self._size[1] // 2 + 1), np.complex128)
-        sub, (y, x) = kernels.sub, grid.first
-        self._rows = slice(-y * sub, (frame[0] - y) * sub)
-        self._columns = slice(-x * sub, (frame[1] - x) * sub)
 
     def add(self, node: int, planes: np.ndarray) -> None:
         """Add light (..., rows, columns) of cells that one node's kernel blurs."""
-        transfer = self._transfer(node)
-        for index in np.ndindex(planes.shape[:-2]):
-            self._spectrum[index] += self._fft.rfft2(planes[index], self._size, workers=-1) * transfer
+        sub, (height, width) = self.grid.sub, self.grid.pixels
+        shares = self._shares(node)
+        for a in range(sub):
+            transfer = self._fft.rfft2(np.roll(self._wide(shares[a]), (-self._reach, -self._reach), (1, 2)), workers=-1)
+            for index in np.ndindex(planes.shape[:-2]):
+                light = planes[index].reshape(height, sub, width, sub)[:, a].transpose(2, 0, 1)
+                self._spectrum[index] += np.einsum("bij,bij->ij", self._fft.rfft2(self._wide(light), workers=-1), transfer)
 
     def inside(self, node: int) -> np.ndarray:
         """Return (rows, columns), the share of each cell's light that ends on the frame."""
-        whole = np.zeros(self.grid.cells)
-        whole[self._rows, self._columns] = 1
-        back = self._fft.rfft2(whole, self._size, workers=-1) * np.conj(self._transfer(node))
-        share = self._fft.irfft2(back, self._size, workers=-1)[: self.grid.cells[0], : self.grid.cells[1]]
+        kernel, reach, sub = self.kernels.shares[node], self.kernels.reach_cells, self.grid.sub
+        below = np.pad(kernel.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+        (top, bottom), (left, right) = (
+            [np.clip((first_of - first) * sub - np.arange(cells) + reach, 0, 2 * reach + 1) for first_of in (0, size)]
+            for first, size, cells in zip(self.grid.first, self.frame, self.grid.cells)
+        )
+        share = below[np.ix_(bottom, right)] - below[np.ix_(top, right)] - below[np.ix_(bottom, left)] + below[np.ix_(top, left)]
         return np.clip(share, 0.0, 1.0)
 
     def frames(self) -> np.ndarray:
         """Return (..., rows, columns) of the frame's pixels; rounding errors below 0 are set to 0."""
         result = np.empty((*self._spectrum.shape[:-2], *self.frame))
-        sub = self.kernels.sub
+        rows, columns = (slice(-first, size - first) for first, size in zip(self.grid.first, self.frame))
         for index in np.ndindex(result.shape[:-2]):
-            cells = self._fft.irfft2(self._spectrum[index], self._size, workers=-1)[self._rows, self._columns]
-            result[index] = cells.reshape(self.frame[0], sub, self.frame[1], sub).sum((1, 3))
+            result[index] = self._fft.irfft2(self._spectrum[index], self._size, workers=-1)[rows, columns]
         return np.maximum(result, 0.0)
 
-    def _transfer(self, node: int) -> np.ndarray:
-        reach = self.kernels.reach_cells
-        spread = np.zeros(self._size)
-        size = 2 * reach + 1
-        spread[:size, :size] = self.kernels.shares[node]
-        return np.asarray(self._fft.rfft2(np.roll(spread, (-reach, -reach), (0, 1)), workers=-1))
+    def _shares(self, node: int) -> np.ndarray:
+        """Return (sub, sub, 2 reach + 1, 2 reach + 1): shares of the light of cell (a, b) of a pixel on the pixels around it."""
+        sub, side = self.grid.sub, 2 * self._reach + 1
+        spread = np.pad(self.kernels.shares[node], self._reach * sub - self.kernels.reach_cells + sub - 1)
+        for axis in (0, 1):
+            spread = np.lib.stride_tricks.sliding_window_view(spread, sub, axis).sum(-1)
+        return spread.reshape(side, sub, side, sub)[:, ::-1, :, ::-1].transpose(1, 3, 0, 2)
+
+    def _wide(self, pictures: np.ndarray) -> np.ndarray:
+        """Return pictures (count, rows, columns) with zeros behind."""
+        wide = np.zeros((len(pictures), *self._size))
+        wide[:, : pictures.shape[1], : pictures.shape[2]] = pictures
+        return wide

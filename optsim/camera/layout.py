@@ -79,44 +79,6 @@ class Layout:
         """Return the same for some of the wavelengths."""
         return replace(self, field=self.field.part(wavelengths), sides=self.sides[wavelengths])
 
-    def strip(self) -> np.ndarray:
-        """Return (n, 2): half the distance along x and y within which a sample touches a strip, a row of a pixel's cells."""
-        return (np.array([1.0, 1 / self.grid.sub]) + self.sides) / 2
-
-    def reach(self) -> tuple[float, float]:
-        """Return how far from its estimated place a sample that touches a strip can be, in samples along (rows, columns).
-
-        The estimate (a linear guess and one correction) is compared with the field map over the field and over a
-        sample's whole distance from a pixel; half again of the error found is added.
-        """
-        f, per = self.map, np.array([self.fine[1], self.fine[0]]) / 2
-        xi, eta = np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 7), indexing="ij")
-        x, y = f.at(xi, eta)
-        back, half = np.linalg.inv(f.jacobian()), self.strip()
-        wide, high = half[:, 0, None, None], half[:, 1, None, None] + 0.5 - 0.5 / self.grid.sub
-        error = np.full(2, 1e-9)
-        for right, down in ((0, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)):
-            dx, dy = right * wide, down * high
-            for i, (found, true) in enumerate(zip(f.inverse(x + dx, y + dy), (xi, eta))):
-                line = true + back[:, i, 0, None, None] * dx + back[:, i, 1, None, None] * dy
-                error[i] = max(error[i], float(np.abs(found - line)[f.valid].max(initial=0)))
-        extent = (np.abs(back) @ half[..., None])[f.valid][..., 0].max(0)
-        columns, rows = (extent + 1.5 * error) * per * (1 + 1e-6)
-        return float(rows), float(columns)
-
-    def spread(self, block: int) -> np.ndarray:
-        """Return (2, 2): how far before and behind a block's first wavelength the others' samples for a pixel lie (rows, columns)."""
-        f, per = self.map, np.array([self.fine[1], self.fine[0]]) / 2
-        xi, eta = np.meshgrid(np.linspace(-1, 1, 3), np.linspace(-1, 1, 3), indexing="ij")
-        back = np.linalg.inv(f.jacobian())
-        places = np.stack(f.at(xi, eta))
-        first = np.arange(places.shape[1]) // block * block
-        # a wavelength's own way back differs from the first one's: both ends are compared at the same place on the sensor
-        apart = np.einsum("nij,jnab->inab", back[first], places - places[:, first])
-        # light that lands farther right reaches a given pixel from mirrors farther left
-        before, behind = -np.maximum(apart.max((1, 2, 3)), 0), -np.minimum(apart.min((1, 2, 3)), 0)
-        return 1.1 * (np.stack([before, behind]) * per)[:, ::-1]
-
     def fine_rows(self, first: int, last: int, reach: float) -> tuple[int, int]:
         """Return the range of fine rows that holds all that can touch rows of cells first..last-1."""
         fine, f, grid = self.fine[0], self.map, self.grid
