@@ -5,14 +5,21 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from optsim.cli.words import PAPER, Force, Output, Without, find_scene, physics_named, progress_bar, wrote
+from optsim.errors import InputError
 
 STREAMED_VALUES = 2**28
 """Cubes of at least so many values (1 GiB) go to their netCDF file part by part; called again, an interrupted render goes on there."""
+
+TRUST = (
+    "given with --trust-mitsuba-scene: Mitsuba's XML may load any plugin and read any file of yours, so optsim opens only what you "
+    "vouch for; a scene of optsim's own (.toml, .json) can do neither"
+)
 
 
 def render(
@@ -32,6 +39,9 @@ def render(
     force: Force = None,
     without: Without = None,
     seed: Annotated[int, Parameter(help="0 to 4294967295; the same seed gives the same bytes.")] = 0,
+    trust_mitsuba_scene: Annotated[
+        bool, Parameter(help="SCENE is a Mitsuba XML file that you trust: it may load any plugin and read any file.", negative="")
+    ] = False,
 ) -> None:
     """Render a scene to a cube of spectral radiance in W m^-2 sr^-1 nm^-1, with its Monte Carlo standard error."""
     from optsim.cube import Bands
@@ -49,7 +59,10 @@ def render(
 
         passes = CameraConfig().bandpass
         table = table.subdivide(subdivide, (passes.lower_nm, passes.upper_nm) if bands.strip() == PAPER else None)
-    chosen = find_scene(scene)
+    raw = scene.endswith(".xml")
+    if raw != trust_mitsuba_scene:
+        raise InputError("SCENE", scene, TRUST if raw else "a Mitsuba .xml file with --trust-mitsuba-scene")
+    chosen = None if raw else find_scene(scene)
     more: dict[str, str | int | float] = {"bands": bands.strip(), "subdivide": subdivide, "oversample": oversample}
     side = size * oversample
     with progress_bar("rendering") as progress:
@@ -57,7 +70,13 @@ def render(
         def told(share: float, now: float | None) -> None:
             progress(share, "" if now is None else f"error {now:.2g}")
 
-        if output.suffix == ".nc" and side * side * table.count >= STREAMED_VALUES:
+        if chosen is None:
+            from optsim.render.trusted import render_trusted
+
+            cube = render_trusted(Path(scene), table, (size, size), settings, told).assign_attrs(more)
+            write(cube, output)
+            attrs = cube.attrs
+        elif output.suffix == ".nc" and side * side * table.count >= STREAMED_VALUES:
             sink = NetcdfSink(output, more)
             try:
                 render_to(sink, chosen, table, (size, size), settings, told)
