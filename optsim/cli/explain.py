@@ -79,6 +79,10 @@ def _explain_camera(path: Path, scene: str | None, error: float, priced: tuple[i
     if priced is None:
         costs = effect_sizes(camera, error, (FIELD, FIELD), size)
     else:
+        if not 16 <= size <= 256 or size % 8:
+            raise InputError("--size", size, "a multiple of 8 from 16 to 256 mirrors")
+        if not 1 <= seeds <= 100:
+            raise InputError("--seeds", seeds, "from 1 to 100 sets of masks")
         config = EffectCostConfig(size=size, seeds=seeds)
         costs = effect_costs(camera, error, scene=looked_at, config=config, field=(FIELD, FIELD), quiet=json)
     report: dict[str, Any] = {

@@ -45,6 +45,14 @@ def test_P13_explain_tells_where_a_dispersion_turns_back(tmp_path, capsys):
     assert abs(turn - 550) < 25
 
 
+@pytest.mark.parametrize(("option", "value"), [("--size", "20"), ("--size", "0"), ("--size", "264"), ("--seeds", "0"), ("--seeds", "101")])
+def test_reconstructions_of_an_impossible_size_or_number_are_refused_by_option(capsys, option, value):
+    assert _code(["explain", "--camera", "default", option, value]) == 2
+    said = capsys.readouterr().err
+    assert f"optsim: {option}: must be" in said
+    assert value in said
+
+
 def test_explain_without_scene_or_camera_is_bad_usage(capsys):
     assert _code(["explain"]) == 2
     assert "--camera" in capsys.readouterr().err
