@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, field_validator
 
+from optsim.camera.band_model import collected_light
 from optsim.camera.camera import CameraConfig
 from optsim.camera.frames import check_frames
+from optsim.camera.knowledge import OwnShifts, Scope, Shifts
 from optsim.camera.model import Model, ranged
 from optsim.camera.physical import Exposure, photograph
-from optsim.camera.sensor import COLOUR_NAMES, BayerPhase, Mono
+from optsim.camera.sensor import COLOUR_NAMES, BayerPhase, Foveon, Mono
 from optsim.camera.silicon import FrontFilter
+from optsim.camera.spread import Landing
 from optsim.cube import Bands
 from optsim.errors import InputError
 from scenes.spectrum import Spectrum
@@ -75,6 +79,36 @@ class GlassPlates(Model):
         return red, green, blue
 
 
+@dataclass(frozen=True)
+class Together(OwnShifts):
+    """Let H lay each band as the three plates together collect it: joined exposures share their weights, like a colour sensor's curves.
+
+    Args:
+        base: what H knows otherwise.
+        sensor: with the curves behind the three plates.
+    """
+
+    base: Shifts
+    sensor: Foveon
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Return the name of what H knows otherwise."""
+        return self.base.name
+
+    def land(self, scope: Scope) -> Landing:
+        """Return the taps of ``base`` for the light of all three."""
+        return self.base.land(replace(scope, passed=collected_light(scope.camera, self.sensor)))
+
+    def mirrors(self, scope: Scope, masks: np.ndarray) -> np.ndarray:
+        """Return the mirrors of ``base``."""
+        return self.base.mirrors(scope, masks)
+
+    def pixels(self, scope: Scope, width: int) -> tuple[np.ndarray | None, float]:
+        """Return the pixels of ``base``."""
+        return self.base.pixels(scope, width)
+
+
 def plate_exposures(
     cube: xr.Dataset, bands: Bands, camera: CameraConfig, masks: np.ndarray, exposure: Exposure, sensors: tuple[Mono, Mono, Mono]
 ) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
@@ -89,8 +123,10 @@ def plate_exposures(
         InputError: as ``photograph``.
     """
     seeds = [int(np.random.SeedSequence(exposure.seed, spawn_key=(_SEED_STREAM, c)).generate_state(2, np.uint32)[0]) for c in range(3)]
+    colours = Foveon(**{name: sensor.curve for name, sensor in zip(COLOUR_NAMES, sensors)})
+    shared = exposure.model_copy(update={"shifts": Together(exposure.shifts, colours)})
     red, green, blue = (
-        photograph(cube, bands, camera, sensor, masks, exposure.model_copy(update={"seed": seed})).assign_attrs(seed=exposure.seed)
+        photograph(cube, bands, camera, sensor, masks, shared.model_copy(update={"seed": seed})).assign_attrs(seed=exposure.seed)
         for sensor, seed in zip(sensors, seeds)
     )
     return red, green, blue
