@@ -113,6 +113,29 @@ def against_the_trace(size: int) -> None:
             print(f"  {name:8s} {sensor.name:8s} {min(whole) / min(part) * rays / (4 * size**2 * fine.count):6.1f}")
 
 
+def growth(size: int) -> None:
+    """Photograph twice the pixels, and twice the wavelengths: time a sample, that of the plain cube being 1."""
+    bands, rng = Bands.paper(), np.random.default_rng(0)
+    cases = {"plain": (size, 10), "twice the rows and columns": (2 * size, 10), "twice the wavelengths": (size, 20)}
+    print(f"\ntime of a photograph a sample (linear cost: 1), from {2 * size} x {2 * size} x {bands.count * 10} samples")
+    for name, camera in (("ideal", CameraConfig().ideal()), ("default", CameraConfig())):
+        works = {}
+        for case, (side, parts) in cases.items():
+            fine = bands.subdivide(parts)
+            cube = make_cube(rng.random((2 * side, 2 * side, fine.count), dtype=np.float32), fine)
+            masks = masks_for(sensors()[0], 1, Distinct(), (side, side), 0)
+            works[case] = (
+                lambda c=cube, m=masks, camera=camera: photograph(c, bands, camera, sensors()[0], m, Exposure(time_s=1.0)),
+                cube["radiance"].size,
+            )
+        spent: dict[str, list[float]] = {case: [] for case in works}
+        for _ in range(3):
+            for case, (work, samples) in works.items():
+                spent[case].append(best(work, 1) / samples)
+        plain = min(spent["plain"])
+        print(f"  {name:8s}" + ", ".join(f"{case} {min(times) / plain:.2f}" for case, times in spent.items() if case != "plain"))
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rays", type=int, default=4_000_000)
@@ -121,3 +144,4 @@ if __name__ == "__main__":
     trace_rates(arguments.rays)
     photographs(arguments.size)
     against_the_trace(arguments.size)
+    growth(arguments.size // 2)

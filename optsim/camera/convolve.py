@@ -143,8 +143,8 @@ class Blurred:
             [np.clip((first_of - first) * sub - np.arange(cells) + reach, 0, 2 * reach + 1) for first_of in (0, size)]
             for first, size, cells in zip(self.grid.first, self.frame, self.grid.cells)
         )
-        share = below[np.ix_(bottom, right)] - below[np.ix_(top, right)] - below[np.ix_(bottom, left)] + below[np.ix_(top, left)]
-        return np.clip(share, 0.0, 1.0)
+        rows = below[bottom] - below[top]
+        return np.clip(rows[:, right] - rows[:, left], 0.0, 1.0)
 
     def frames(self) -> np.ndarray:
         """Return (..., rows, columns) of the frame's pixels; rounding errors below 0 are set to 0."""

@@ -110,10 +110,11 @@ def brute_force(cube, camera, sensor, masks, width):
             np.array(camera.optics.position_px(cube["wavelength"].values[w], *point)[:2]) for point in ((0, 0), (1e-4, 0), (0, 1e-4))
         )
         side_x, side_y = np.hypot(right - here, below - here) * pitch / s / 1e-4
+        X, Y = (((np.arange(n * s) + 0.5) / s - n / 2) * pitch for n in (columns, rows))
+        places = camera.optics.position_px(cube["wavelength"].values[w], X, Y[:, None])
         for v in range(rows * s):
             for u in range(columns * s):
-                X, Y = ((u + 0.5) / s - columns / 2) * pitch, ((v + 0.5) / s - rows / 2) * pitch
-                x, y, valid = camera.optics.position_px(cube["wavelength"].values[w], X, Y)
+                x, y, valid = (float(p[v, u]) for p in places)
                 if not valid:
                     continue
                 x, y = x + (columns - 1) / 2, y + (rows - 1) / 2
