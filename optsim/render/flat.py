@@ -15,7 +15,7 @@ from optsim.cube import Bands
 from optsim.render.cells import Cells, NotFlat, crossed_pixels, cut_pixels, join, whole_pixels
 from optsim.render.choice import Physics
 from optsim.render.flat_faces import LEVEL, band_table, faces_of, why_ambiguous, why_not_flat
-from optsim.render.flat_light import FlatLight, flat_light
+from optsim.render.flat_light import flat_light
 from optsim.render.flat_shadows import Shadows
 from optsim.render.flat_view import FlatView, Seen
 from optsim.render.frame import frame_of
@@ -31,6 +31,8 @@ ORDERS = (1, 2, 4, 8, 16)
 """Gauss points along each side of a trapezoid, until two orders agree."""
 SHADOW_ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 """Points along each side of an area light that casts shadows, until two orders agree."""
+MAX_SHADOWS = 2500
+"""Shadows of all points of all lights together; more take longer than samples."""
 SHARE, SHADOW_SHARE = 0.1, 0.5
 """Shares of the error asked for that are left to the quadrature over pixels and over lights."""
 MAX_DIVISIONS = 8
@@ -99,6 +101,7 @@ class FlatPicture:
         self._view = FlatView(scene.viewpoint, frame, film, self.faces)
         self._pixel, self._inside = crossed_pixels(self._view.segments, *film)
         self._shadows: dict[tuple[int, int], list[Shadows]] = {}
+        self._cast = 0
         self._mean = self._mean_level(bands.count)
 
     def strips(self) -> Iterator[Strip]:
@@ -124,7 +127,7 @@ class FlatPicture:
         shown[seen.cells.pixel - first] = seen.face
         shown[self._pixel[slice(*np.searchsorted(self._pixel, [first, last]))] - first] = -2
         for number, (group, light) in enumerate(self._lights):
-            value, off = self._direct(light, seen)
+            value, off = self._integral(light.unhidden, seen, self._limits[group])
             sent += self._spread(seen, value, group, first, last)
             error += self._spread(seen, off, group, first, last)
             lost, unsure = self._shadowed(number, first, shown)
@@ -163,11 +166,7 @@ class FlatPicture:
             sent += share[:, None] * (strength * self.weights[group].sum(1))
         return sent
 
-    def _direct(self, light: FlatLight, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
-        """Return the light on each cell times its area, as if nothing stood between, and how far it may be off."""
-        return self._integral(lambda places, face: light.unhidden(places, face), seen)
-
-    def _integral(self, irradiance: Irradiance, seen: Seen, limit: float | None = None, depth: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def _integral(self, irradiance: Irradiance, seen: Seen, limit: float, depth: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Integrate over cells to a share of the error asked for: two orders that differ send a cell on, at last to be divided."""
 
         def by(order: int, some: Seen) -> np.ndarray:
@@ -176,8 +175,6 @@ class FlatPicture:
 
         before, found = by(ORDERS[0], seen), by(ORDERS[1], seen)
         off = np.abs(found - before)
-        if limit is None:
-            limit = SHARE * self.settings.tolerance * float(found.sum()) / max(float(seen.cells.area().sum()), 1e-300)
         for order in ORDERS[2:]:
             rough = np.flatnonzero(off > limit)
             if not len(rough):
@@ -227,8 +224,15 @@ class FlatPicture:
 
     def _shadows_of(self, number: int, order: int) -> list[Shadows]:
         if (number, order) not in self._shadows:
-            light = self._lights[number][1]
-            self._shadows[number, order] = [Shadows(self._view, light, p, self._level) for p in light.points(order)]
+            light, made = self._lights[number][1], []
+            points = light.points(order)
+            before = self._shadows.get((number, order - 1), [])
+            if self._cast + sum(s.count for s in before) * len(points) // max(1, len(before)) > MAX_SHADOWS:
+                raise NotFlat(f"there are more than {MAX_SHADOWS} shadows to cast: samples are quicker")
+            for point in points:
+                made.append(Shadows(self._view, light, point, self._level))
+                self._cast += made[-1].count
+            self._shadows[number, order] = made
         return self._shadows[number, order]
 
     def _lost(self, shadows: Shadows, number: int, first: int, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -238,8 +242,10 @@ class FlatPicture:
             return np.zeros((len(shown), len(self._mean))), np.zeros((len(shown), len(self._mean)))
         seen = self._view.seen(self._cells(first, last, touched, shadows))
         seen = seen.take(shadows.on(seen))
-        value, off = self._integral(lambda places, face: shadows.point.irradiance(places, self._view.normal[face][:, None, :]), seen)
         group = self._lights[number][0]
+        value, off = self._integral(
+            lambda places, face: shadows.point.irradiance(places, self._view.normal[face][:, None, :]), seen, self._limits[group]
+        )
         return self._spread(seen, value, group, first, last), self._spread(seen, off, group, first, last)
 
     def _mean_level(self, count: int) -> np.ndarray:
@@ -250,8 +256,11 @@ class FlatPicture:
         size = np.array(self.film) / n
         cells = Cells(np.arange(n * n), y, y + size[0], np.stack([x, x], 1), np.stack([x, x], 1) + size[1])
         seen, mean = self._view.seen(cells), np.zeros(count)
+        irradiance = np.zeros(len(self.groups))
         for group, light in self._lights:
             x, y, _ = seen.cells.points(1)
             value = light.unhidden(self._view.places(x, y, seen.face), seen.face)[:, 0]
             mean += value @ self._tables[group][seen.row] / np.pi / n**2
+            irradiance[group] += value.sum() / n**2
+        self._limits = SHARE * self.settings.tolerance * irradiance
         return mean

@@ -11,7 +11,7 @@ from optsim.render.frame import Frame
 from optsim.render.polygons import clip
 from optsim.render.settings import RenderSettings
 from scenes.lights import SKIES, AreaLight, ConstantSky
-from scenes.materials import Diffuse
+from scenes.materials import Diffuse, Lambertian
 from scenes.scene import Scene
 from scenes.shapes import Mesh, Rectangle, Sphere
 from scenes.textures import Textured
@@ -35,6 +35,7 @@ class Face:
         light: index of the scene's light that its front is, or -1.
         texture: corner of the texture, (3,), then the vectors along u and v whose products with a place give texel fractions; or None.
         texels: (rows, columns) of the texture.
+        black: whether it reflects nothing.
     """
 
     corners: np.ndarray
@@ -43,6 +44,7 @@ class Face:
     light: int = -1
     texture: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
     texels: tuple[int, int] = (1, 1)
+    black: bool = False
 
     def heights(self, points: np.ndarray) -> np.ndarray:
         """Return the heights of points (..., 3) above the face's plane."""
@@ -50,7 +52,7 @@ class Face:
 
     def part(self, corners: np.ndarray) -> Face:
         """Return a part of the face."""
-        return Face(corners, self.normal, self.row, self.light, self.texture, self.texels)
+        return Face(corners, self.normal, self.row, self.light, self.texture, self.texels, self.black)
 
 
 def why_not_flat(scene: Scene, settings: RenderSettings) -> str | None:
@@ -88,6 +90,7 @@ def faces_of(scene: Scene, frame: Frame) -> list[Face]:
     faces: list[Face] = []
     for shape in scene.shapes:
         material = scene.materials[shape.material]
+        assert isinstance(material, Lambertian)
         row = first.get(shape.material, names.index(shape.material))
         texture, texels = None, (1, 1)
         if isinstance(material, Textured):
@@ -100,7 +103,7 @@ def faces_of(scene: Scene, frame: Frame) -> list[Face]:
             normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
             length = np.linalg.norm(normal)
             if length > 0:
-                faces.append(Face(corners, normal / length, row, -1, texture, texels))
+                faces.append(Face(corners, normal / length, row, -1, texture, texels, material.largest <= 0))
     lamps = [
         Face(frame.to_units(light.corners()), light.normal, len(names), i)
         for i, light in enumerate(scene.lights)

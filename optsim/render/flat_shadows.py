@@ -24,7 +24,8 @@ class Shadows:
 
     Attributes:
         point: from where.
-        empty: whether no shadow can be seen.
+        count: number of shadows that may be seen.
+        empty: whether there are none.
         pixel, inside: the borders of shadows in pixels, as of :func:`optsim.render.cells.crossed_pixels`.
     """
 
@@ -36,7 +37,7 @@ class Shadows:
         corners = np.array([np.concatenate([f.corners, np.repeat(f.corners[-1:], most - len(f.corners), 0)]) for f in view.faces])
         for receiver in np.unique(view.face[view.front[view.face]]):
             own = view.faces[receiver]
-            if own.light >= 0:
+            if own.light >= 0 or own.black:
                 continue
             hiders = light.hiders(int(receiver), level)
             for number in hiders[point.may_reach(corners[hiders], own, level)]:
@@ -45,7 +46,7 @@ class Shadows:
                 if abs(area(outline)) > SMALLEST_SHADOW:
                     polygons.append(outline)
                     receivers.append(receiver)
-        self.empty = not polygons
+        self.count, self.empty = len(polygons), not polygons
         self._polygons, self._receiver = PolygonSet(polygons), np.array(receivers, np.int64)
         self.pixel, self.inside = crossed_pixels(self._polygons.segments, height, width)
 

@@ -147,7 +147,7 @@ class FlatView:
         """Return the cells that show the front of a reflecting face."""
         x, y = cells.middle()
         face = self.nearest(x, y)
-        reflecting = np.array([f.light < 0 for f in self.faces] + [False]) & np.append(self.front, False)
+        reflecting = np.array([f.light < 0 and not f.black for f in self.faces] + [False]) & np.append(self.front, False)
         chosen = np.flatnonzero(reflecting[face])
         face = face[chosen]
         row = np.array([f.row for f in self.faces], np.int64)[face] if len(chosen) else np.zeros(0, np.int64)

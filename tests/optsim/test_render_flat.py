@@ -285,7 +285,7 @@ LAMP = AreaLight(center=(0, 0, 3), half_u=(0.2, 0, 0), half_v=(0, -0.2, 0), radi
 PLATE = Rectangle(name="plate", material="white", center=(0, 0, 0.5), half_u=(0.2, 0, 0), half_v=(0, 0.2, 0))
 NEEDS_SAMPLES = {
     "a sphere": world((FLOOR, Sphere(name="ball", material="gray", center=(0, 0, -1), radius=0.1)), (LAMP,)),
-    "a lens": world((FLOOR,), (LAMP,), ThinLens(origin=(0, 0, 5), target=(0, 0, 0), up=(0, 1, 0), fov_deg=20, aperture_m=0.1)),
+    "a lens": world((FLOOR,), (LAMP,), ThinLens(origin=(0, 0, 5), target=(0, 0, 0), up=(0, 1, 0), fov_deg=20, aperture_m=0.1, focus_m=2)),
     "a sky that something hides": world((FLOOR, PLATE), (ConstantSky(radiance=UNIT),)),
     "crossing faces": world(
         (FLOOR, FLOOR.model_copy(update={"name": "other", "half_u": (0.9, 0.0, 0.1), "half_v": (0.0, 1.0, 0.0)})), (LAMP,)
