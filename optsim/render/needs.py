@@ -194,8 +194,11 @@ class Needs:
 
     @property
     def material_warnings(self) -> tuple[str, ...]:
-        """Return a sentence for each material that the renderer lets lose more light than the error asked for."""
-        return tuple(losses(self.source, self.error))
+        """Return a sentence for each material that the renderer lets lose more light than the error asked for, and one on light missed."""
+        aimed = next(e for e in self.effects if e.name == Physics.EMITTER_SAMPLING)
+        missed = aimed.decided_by == "without" and aimed.error_without > self.error
+        found = ("rays are not aimed at lights, by hand: the error told knows only of light that was met by chance",) if missed else ()
+        return (*losses(self.source, self.error), *found)
 
     @property
     def _depth_warnings(self) -> tuple[str, ...]:

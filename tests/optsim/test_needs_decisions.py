@@ -182,13 +182,13 @@ def test_an_effect_is_on_where_leaving_it_out_changes_the_cube_by_more_than_the_
         assert off_by > ERROR
 
 
-@pytest.mark.parametrize("name", ["a flat lamp", "a lamp a little brighter in the red"])
+@pytest.mark.parametrize("name", [pytest.param("a flat lamp", marks=pytest.mark.slow), "a lamp a little brighter in the red"])
 def test_light_that_is_even_within_bands_may_be_read_at_their_centres(name):
     mutant, _ = MUTANTS[Physics.ILLUMINANT_FACTORING][name]
     assert change(mutant, without=(Physics.ILLUMINANT_FACTORING,))[0] < ERROR / 10
 
 
-@pytest.mark.parametrize("name", ["a grey floor", "a grey floor and a grey wall"])
+@pytest.mark.parametrize("name", ["a grey floor", pytest.param("a grey floor and a grey wall", marks=pytest.mark.slow)])
 def test_grey_surfaces_may_be_rendered_at_one_wavelength(name):
     mutant, _ = MUTANTS[Physics.SPECTRAL_NODES][name]
     assert change(mutant, without=(Physics.SPECTRAL_NODES,))[0] < 1e-5
