@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from optsim.cli.paths import FIGURES, target
-from optsim.cli.words import Force, Json, Without, find_scene, physics_named, print_json
+from optsim.cli.words import Force, Json, Without, find_scene, physics_named, print_json, sensor_named
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,6 +32,9 @@ def explain(
     db: Annotated[
         bool, Parameter(help="With --camera: price every effect by small reconstructions with and without it in H.", negative="--no-db")
     ] = True,
+    sensor: Annotated[
+        Literal["mono", "bayer", "foveon", "all"], Parameter(help="With --camera: for which sensor effects are priced in dB.")
+    ] = "mono",
     size: Annotated[int, Parameter(help="With --camera: mirrors along each side of the reconstructions, a multiple of 8.")] = 24,
     seeds: Annotated[int, Parameter(help="With --camera: sets of masks; two or more give intervals.")] = 3,
     force: Force = None,
@@ -45,7 +48,7 @@ def explain(
         for option in ("--force", "--without"):
             if chosen[option]:
                 raise InputError(option, chosen[option][0].value, "given with a scene; `measure` chooses among a camera's effects")
-        _explain_camera(camera, scene, error, (size, seeds) if db else None, plot, json)
+        _explain_camera(camera, scene, error, (size, seeds, sensor) if db else None, plot, json)
         return
     if scene is None:
         raise InputError("SCENE", None, "given: the name of a scene or a scene file, or --camera FILE")
@@ -66,7 +69,9 @@ def explain(
         print(f"  {sentence}")
 
 
-def _explain_camera(path: Path, scene: str | None, error: float, priced: tuple[int, int] | None, plot: Path | None, json: bool) -> None:
+def _explain_camera(
+    path: Path, scene: str | None, error: float, priced: tuple[int, int, str] | None, plot: Path | None, json: bool
+) -> None:
     from optsim.camera import CameraConfig
     from optsim.camera.inverse import folds
     from optsim.study.effect_cost import EffectCostConfig, effect_costs, effect_sizes
@@ -75,7 +80,7 @@ def _explain_camera(path: Path, scene: str | None, error: float, priced: tuple[i
     target(plot, "--plot", FIGURES)
     camera = CameraConfig() if str(path) == "default" else CameraConfig.from_toml(path)
     looked_at = TexturedField() if scene is None else _fine_scene(scene)
-    size, seeds = priced or (EffectCostConfig().size, 0)
+    size, seeds, word = priced or (EffectCostConfig().size, 0, "all")
     if priced is None:
         costs = effect_sizes(camera, error, (FIELD, FIELD), size)
     else:
@@ -84,7 +89,8 @@ def _explain_camera(path: Path, scene: str | None, error: float, priced: tuple[i
         if not 1 <= seeds <= 100:
             raise InputError("--seeds", seeds, "from 1 to 100 sets of masks")
         config = EffectCostConfig(size=size, seeds=seeds)
-        costs = effect_costs(camera, error, scene=looked_at, config=config, field=(FIELD, FIELD), quiet=json)
+        chosen = None if word == "all" else [sensor_named(word)]
+        costs = effect_costs(camera, error, scene=looked_at, config=config, field=(FIELD, FIELD), chosen=chosen, quiet=json)
     report: dict[str, Any] = {
         "camera": str(path),
         "folds_nm": folds(camera.dispersion, (camera.bandpass.lower_nm, camera.bandpass.upper_nm)).tolist(),
