@@ -117,7 +117,7 @@ def growth(size: int) -> None:
     """Photograph twice the pixels, and twice the wavelengths: time a sample, that of the plain cube being 1."""
     bands, rng = Bands.paper(), np.random.default_rng(0)
     cases = {"plain": (size, 10), "twice the rows and columns": (2 * size, 10), "twice the wavelengths": (size, 20)}
-    print(f"\ntime of a photograph a sample (linear cost: 1), from {2 * size} x {2 * size} x {bands.count * 10} samples")
+    print(f"\ntime a sample (linear: at most 1, less where fixed work counts), from {2 * size} x {2 * size} x {bands.count * 10} samples")
     for name, camera in (("ideal", CameraConfig().ideal()), ("default", CameraConfig())):
         works = {}
         for case, (side, parts) in cases.items():
