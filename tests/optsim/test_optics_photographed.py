@@ -48,12 +48,12 @@ def test_diffraction_lays_one_mirror_s_light_as_its_fourier_integral_says_and_fi
     optics = camera(dmd={"offset_x_px": 0.2})
     x, cutoff = optics.dispersion.position_px(FINE.center)[0] + 8.2, 0.0099 / (550e-6 * 8 * 100 / 138.2)
     wrong = []
-    for sub_pixels in (3, 9):
+    for sub_pixels in (Exposure().sub_pixels, 9):
         image, attrs = one_mirror(optics, 8, 8, sub_pixels)
         exact = fourier_image(x, 8.0, cutoff, optics.mirror_px, image.shape)
         wrong.append(np.abs(image - exact).sum() / 2)
         assert attrs["photons_detected"] / attrs["photons_sent"] == pytest.approx(exact.sum(), abs=2e-3)
-    assert wrong[0] < 0.03
+    assert wrong[0] < 0.02  # 1.6 % of an isolated mirror's light, the worst case; theory.md C.f
     assert wrong[1] < 0.006
 
 
