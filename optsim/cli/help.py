@@ -30,6 +30,9 @@ Example: `optsim render color-checker --size 256 --error 0.01 -o cube.nc`
 A scene of your own is a TOML file (docs/files.md has a complete one): `optsim render still-life.toml -o cube.nc`
 
 For `measure --physical`: `optsim render color-checker --subdivide 10 --oversample 2 -o fine.nc`
+
+The scene decides which effects are modelled (`optsim explain SCENE`); `--force sky` or `--without interreflection` decides by hand.
+The last line tells the error reached: RMS over the picture in the worst band, relative to the band's mean, with its 95 % interval.
 """,
     "measure": """Photograph a cube through mask, prism and sensor.
 
