@@ -89,7 +89,8 @@ def test_a_fine_cube_is_averaged_before_a_matched_measurement(fine, tmp_path):
 
 
 def test_noisy_frames_are_not_fitted_exactly_unless_told_to(fine, tmp_path, capsys):
-    assert optsim("measure", fine, "--sensor", "mono", "--shots", 3, "--physical", "--noise", "--bits", 8, "-o", tmp_path / "f.nc") == 0
+    words = ("--sensor", "mono", "--shots", 3, "--physical", "--knows", "camera", "--noise", "--bits", 8)
+    assert optsim("measure", fine, *words, "-o", tmp_path / "f.nc") == 0
     scores = []
     for solver in ((), ("--solver", "basis-pursuit")):
         assert optsim("reconstruct", tmp_path / "f.nc", *solver, "-o", tmp_path / "e.nc") == 0
