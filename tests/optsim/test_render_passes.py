@@ -290,6 +290,7 @@ print(hashlib.sha256(cube.radiance.values.tobytes() + cube.stderr.values.tobytes
 """
 
 
+@pytest.mark.slow
 def test_other_processes_and_other_numbers_of_cores_give_the_same_bytes():
     hashes = set()
     for cores in ({0}, None):

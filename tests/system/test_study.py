@@ -57,6 +57,7 @@ def test_a_second_call_finds_everything_finished_and_changes_no_byte(finished):
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.nc")} == stamps
 
 
+@pytest.mark.slow
 def test_N10_one_worker_and_two_give_the_same_bytes_and_so_does_a_resumed_run(finished, tmp_path):
     folder, _ = finished
     one = TINY.model_copy(update={"workers": 1})
@@ -86,6 +87,7 @@ def test_I13_the_same_task_twice_is_refused_and_one_is_enough():
     assert len(solves(StudyConfig(targets=("color-checker",), groups=(1,), gpsr_groups=(), physical_groups=()))) == 4
 
 
+@pytest.mark.slow
 def test_I14_two_runs_on_one_folder_leave_what_one_leaves(finished, tmp_path):
     folder, _ = finished
     code = "from optsim.study.config import StudyConfig\nfrom optsim.study.run import run_study\nfrom pathlib import Path\n"
@@ -95,6 +97,7 @@ def test_I14_two_runs_on_one_folder_leave_what_one_leaves(finished, tmp_path):
     assert estimates(tmp_path / "d") == estimates(folder)
 
 
+@pytest.mark.slow
 def test_ctrl_c_says_what_stays_and_the_same_command_gives_the_same_bytes(finished, tmp_path):
     folder, _ = finished
     (tmp_path / "s.toml").write_text("".join(f"{k} = {json.dumps(v)}\n" for k, v in TINY.model_dump(mode="json").items() if v is not None))
