@@ -18,7 +18,7 @@ from optsim.study.nonlinearity import NonlinearityConfig, run_nonlinearity
 if os.environ.get("OPTSIM_QUICK"):
     config = NonlinearityConfig(size=16, seeds=2, scenes=(TexturedField(),), offsets_px=(0.5,))
 else:
-    config = NonlinearityConfig(size=32, seeds=3, scenes=(TexturedField(), Rendered(name="color-checker")), offsets_px=(0.2, 1.0))
+    config = NonlinearityConfig(size=32, seeds=3, scenes=(TexturedField(), Rendered(name="color-checker")), offsets_px=(0.2,))
 
 cost = run_nonlinearity(Path("nonlinearity"), config)
 draw_cost(cost.as_dict(), Path("nonlinearity.png"))
