@@ -12,13 +12,13 @@ import os
 from pathlib import Path
 
 from optsim.report.figures_cost import draw_cost
-from optsim.study.fine_scene import Rendered, TexturedField
+from optsim.study.fine_scene import TexturedField
 from optsim.study.nonlinearity import NonlinearityConfig, run_nonlinearity
 
 if os.environ.get("OPTSIM_QUICK"):
     config = NonlinearityConfig(size=16, seeds=2, scenes=(TexturedField(),), offsets_px=(0.5,))
 else:
-    config = NonlinearityConfig(size=32, seeds=3, scenes=(TexturedField(), Rendered(name="color-checker")), offsets_px=(0.2,))
+    config = NonlinearityConfig(size=32, seeds=4, scenes=(TexturedField(),), offsets_px=(0.2,))
 
 cost = run_nonlinearity(Path("nonlinearity"), config)
 draw_cost(cost.as_dict(), Path("nonlinearity.png"))
