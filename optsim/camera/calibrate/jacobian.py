@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from optsim.camera.aligned import aligned
 from optsim.camera.arrays import NUMPY, Kernels, kernels
 from optsim.camera.calibrate.prism_model import PrismModel
 
@@ -65,15 +66,6 @@ def _forward_mode(k: Kernels, model: PrismModel, values: np.ndarray, wavelength_
     dr.eval(x, y, valid, dx, dy)
     slopes = (np.array(d).reshape(count, n).T for d in (dx, dy))
     return Jacobian(np.array(x)[:n], np.array(y)[:n], np.array(valid)[:n], *slopes)
-
-
-def aligned(values: np.ndarray) -> np.ndarray:
-    """Copy to memory on a 64-byte boundary: Dr.Jit compiles a kernel anew for arrays that are aligned otherwise."""
-    source = np.ascontiguousarray(values, np.float64)
-    room = np.empty(source.size + 8)
-    start = (-room.ctypes.data // 8) % 8
-    room[start : start + source.size] = source.ravel()
-    return room[start : start + source.size]
 
 
 def complex_step_jacobian(model: PrismModel, values: np.ndarray, wavelength_nm: np.ndarray, X: np.ndarray, Y: np.ndarray) -> Jacobian:
