@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,13 +16,19 @@ from scenes.model import did_you_mean
 FOLDER = Path(__file__).resolve().parent / "data" / "glass"
 
 
+@cache
 def glass_names() -> tuple[str, ...]:
     """Return the names of the glasses that come along."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
 @cache
-def _entry(name: str) -> dict[str, list[float]]:
+def glass_entry(name: str) -> dict[str, Any]:
+    """Return a catalogue glass's name, Sellmeier coefficients, valid range and source.
+
+    Raises:
+        InputError: field ``glass`` for an unknown name.
+    """
     if name not in glass_names():
         raise InputError("glass", name, f"one of {', '.join(glass_names())}{did_you_mean(name, glass_names())}")
     return tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
@@ -37,7 +44,7 @@ def glass_index(name: str, wavelength_nm: ArrayLike) -> np.ndarray:
     Raises:
         InputError: field ``glass`` for an unknown name, ``wavelength_nm`` outside the range.
     """
-    entry, values = _entry(name), np.asarray(wavelength_nm, np.float64)
+    entry, values = glass_entry(name), np.asarray(wavelength_nm, np.float64)
     low, high = entry["range_nm"]
     bad = ~((values >= low) & (values <= high))
     if np.any(bad):

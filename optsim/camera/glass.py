@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import functools
-import tomllib
 from collections.abc import Mapping
-from importlib import resources
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +13,7 @@ from pydantic import field_validator, model_validator
 from optsim.camera.arrays import NUMPY, Array, Ops
 from optsim.camera.model import Model, did_you_mean
 from optsim.errors import InputError
+from scenes.glasses import glass_entry, glass_names
 
 D_LINE_NM, F_LINE_NM, C_LINE_NM = 587.5618, 486.1327, 656.2725
 
@@ -146,13 +145,6 @@ AIR = Glass(name="air", range_nm=(100, 1e5), source="indices of glass are agains
 
 
 @functools.cache
-def glass_names() -> tuple[str, ...]:
-    """List the glasses that are built in."""
-    folder = resources.files("scenes") / "data" / "glass"
-    return tuple(sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml")))
-
-
-@functools.cache
 def glass(name: str) -> Glass:
     """Load a built-in glass by its catalogue name, or any other as ``maker:NAME`` from refractiveindex.info.
 
@@ -166,8 +158,7 @@ def glass(name: str) -> Glass:
     if name not in glass_names():
         form = f"one of {', '.join(glass_names())}{did_you_mean(name, glass_names())}, or MAKER:NAME as in 'schott:N-LAK8'"
         raise InputError("glass", name, form)
-    text = (resources.files("scenes") / "data" / "glass" / f"{name}.toml").read_text()
-    return Glass(**tomllib.loads(text))
+    return Glass(**glass_entry(name))
 
 
 def medium(name: str, own: Mapping[str, Glass] | None = None) -> Glass:
