@@ -63,16 +63,28 @@ def measure_matched(
         brightest = float(values.max())
         scale = fill * full_well_e / brightest if brightest > 0 else 1.0
         values, model, read = add_noise(values * scale, model.scaled(scale), noise, full_well_e=full_well_e, exposure_s=0.0, seed=seed)
-        attrs |= {"units": "DN", "full_well": full_well_e, **read}
+        attrs |= {"full_well": full_well_e, **read}
     return make_frames(values, model, attrs)
 
 
 def add_noise(
-    mean_e: np.ndarray, model: BandModel, noise: Noise, *, full_well_e: float, exposure_s: float, seed: int
-) -> tuple[np.ndarray, BandModel, dict[str, float | int]]:
-    """Expose mean electrons and return digital numbers, the model in DN, and the attributes that say how to read them."""
-    exposed = expose(mean_e, noise, full_well_e=full_well_e, exposure_s=exposure_s, seed=seed)
-    attrs: dict[str, float | int] = {
+    mean_e: np.ndarray,
+    model: BandModel,
+    noise: Noise,
+    *,
+    full_well_e: float,
+    exposure_s: float,
+    seed: int,
+    offset_e: np.ndarray | None = None,
+    sites: np.ndarray | None = None,
+) -> tuple[np.ndarray, BandModel, dict[str, float | int | str]]:
+    """Expose mean electrons and return digital numbers, the model in DN, and the attributes that say how to read them.
+
+    Arguments as of :func:`optsim.camera.noise.expose`.
+    """
+    exposed = expose(mean_e, noise, full_well_e=full_well_e, exposure_s=exposure_s, seed=seed, offset_e=offset_e, sites=sites)
+    attrs: dict[str, float | int | str] = {
+        "units": "DN",
         "gain": exposed.gain,
         "offset": exposed.dark_dn,
         "bits": noise.bits,

@@ -17,9 +17,9 @@ from optsim.camera.fixed_pattern import fixed_pattern
 from optsim.camera.frames import make_frames
 from optsim.camera.layer_bins import layer_sites
 from optsim.camera.layout import Weights
-from optsim.camera.matched import versions
+from optsim.camera.matched import add_noise, versions
 from optsim.camera.model import Model, ranged
-from optsim.camera.noise import Noise, expose
+from optsim.camera.noise import Noise
 from optsim.camera.pixels import charges
 from optsim.camera.sensor import Sensor
 from optsim.cube import Bands
@@ -150,14 +150,15 @@ def _time(mean_per_s: np.ndarray, exposure: Exposure, full_well_e: float) -> flo
 
 def _expose(
     mean_e: np.ndarray, model: BandModel, camera: CameraConfig, sensor: Sensor, exposure: Exposure, time_s: float
-) -> tuple[np.ndarray, BandModel, dict[str, Any]]:
+) -> tuple[np.ndarray, BandModel, dict[str, float | int | str]]:
     """Return digital numbers, the model in DN, and how to read them."""
     noise = exposure.noise
     assert noise is not None
     rows, columns = mean_e.shape[-2:]
     pattern = fixed_pattern((mean_e.shape[1], rows, columns), camera.sensor)[1] if camera.sensor.dsnu_e > 0 else None
-    exposed = expose(
+    return add_noise(
         mean_e,
+        model,
         noise,
         full_well_e=camera.sensor.full_well_e,
         exposure_s=time_s,
@@ -165,16 +166,6 @@ def _expose(
         offset_e=pattern,
         sites=layer_sites(sensor.layer_bins, rows, columns) if mean_e.shape[1] == len(sensor.layer_bins) else None,
     )
-    attrs = {
-        "units": "DN",
-        "gain": exposed.gain,
-        "offset": exposed.dark_dn,
-        "bits": noise.bits,
-        "read_noise_e": noise.read_noise_e,
-        "dark_e_per_s": noise.dark_e_per_s,
-        "saturated_pixels": exposed.saturated,
-    }
-    return exposed.dn, model.scaled(exposed.gain), attrs
 
 
 def _attributes(camera: CameraConfig, exposure: Exposure, fine: FineCube, collected: Collected, time_s: float) -> dict[str, Any]:
