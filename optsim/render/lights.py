@@ -27,11 +27,6 @@ class LightSampler:
         self._emitters = list(scene.emitters())
         self._each = each and aim and 1 < len(self._emitters) <= MAX_EACH
 
-    @property
-    def aims(self) -> int:
-        """Return how many rays are aimed at lights from each surface."""
-        return len(self._emitters) if self._each else 1
-
     def samples(self, si: Any, u: Any, v: Any, active: Any) -> Iterator[tuple[Any, Any]]:
         """Yield (direction sample, emission / density, 0 where the light is hidden) for each light, or for one picked by chance."""
         if not self._aim:
