@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from optsim.cube import Bands
+from scenes import library
 
 # Bradford cone responses (Lam 1985, as in ICC.1:2022 annex E) and linear sRGB from XYZ (IEC 61966-2-1).
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
@@ -25,10 +26,8 @@ LAMP_SHARE, LAMP_EXCESS = 0.2, 4.0
 @lru_cache(maxsize=1)
 def observer() -> tuple[np.ndarray, np.ndarray]:
     """Return (wavelength nm, (n, 3) colour matching functions) of the CIE 1931 2 degree observer."""
-    import colour
-
-    cmf = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    return np.asarray(cmf.wavelengths, np.float64), np.asarray(cmf.values, np.float64)
+    curves = tuple(library.observer().values())
+    return curves[0].wavelength_nm, np.stack([curve.value for curve in curves], axis=1)
 
 
 def band_weights(bands: Bands) -> np.ndarray:
