@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from cyclopts import Parameter
 
@@ -15,7 +15,10 @@ from optsim.errors import InputError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from optsim.camera import Noise
+    from optsim.camera import CameraConfig, Exposure, Noise, Sensor
+    from optsim.camera.dmd import MaskRule
+    from optsim.camera.patterns import Pattern
+    from optsim.cube import Bands
 
 
 def measure(
@@ -78,9 +81,6 @@ def measure(
     seed: Annotated[int, Parameter(help="Seed of masks and noise.")] = 0,
 ) -> None:
     """Photograph a cube through mask, prism and sensor. Masks, shifts and responses travel in the frames file."""
-    from optsim.camera import CameraConfig, Exposure, Interpolate, masks_for, measure_matched, photograph
-    from optsim.camera.objective import through_objective
-    from optsim.cube import Bands
     from optsim.files import read_cube, writable, write
 
     if physical and matched:
@@ -100,20 +100,20 @@ def measure(
     for name, given in only_physical.items():
         if given and not physical:
             raise InputError(name, given, "given with --physical")
-    for name, value in (("--bits", bits), ("--read-noise", read_noise)):
-        if value is not None and not noise:
-            raise InputError(name, value, "given with --noise")
-    if bits is not None and not 8 <= bits <= 16:
-        raise InputError("--bits", bits, "from 8 to 16")
+    electronics = _noise(noise, bits, read_noise)
     writable(output, source=cube)
     if truth is not None:
         writable(truth, source=cube)
-    chosen, rule, shown = sensor_named(sensor, curves), mask_rule(masks), pattern_named(pattern)
+    chosen, shown = sensor_named(sensor, curves), pattern_named(pattern)
     source = read_cube(cube)
-    if physical:
+    if not physical:
+        frames = _matched(source, chosen, shots, mask_rule(masks), shown, seed, electronics)
+    else:
+        from optsim.camera import Exposure, Interpolate
+
         how = Exposure(
             time_s=exposure,
-            noise=_noise(noise, bits, read_noise),
+            noise=electronics,
             interpolate=Interpolate() if interpolate else None,
             seed=seed,
             masks_name=masks,
@@ -122,31 +122,71 @@ def measure(
         if budget is not None:
             plan = budget_plan(budget, chosen, shots, exposure)
             shots, how = plan.shots, how.model_copy(update={"time_s": plan.exposure_s, "fill": plan.fill, "masks_name": plan.rule.name})
-        optics = CameraConfig() if camera is None else CameraConfig.from_toml(camera)
-        table = Bands.parse(bands if bands is not None else str(source.attrs.get("bands", PAPER)))
-        samples = int(source.attrs.get("oversample", 1))
-        size = (source.sizes["y"] // samples, source.sizes["x"] // samples)
-        optics = modelled_camera(optics, table, size, 1e-3 if error is None else error, force, without)
-        source = through_objective(source, optics, samples)
+        view = _view(source, camera, bands)
+        optics = modelled_camera(view.camera, view.bands, view.size, 1e-3 if error is None else error, force, without)
+        frames, mirrors = _photographed(source, view, optics, chosen, shots, shown, how)
         if truth is not None:
-            write(source, truth)
-            wrote(truth, source["radiance"].shape, "(y, x, wavelength), at the mirrors")
-        drawn = masks_for(chosen, shots, mask_rule(how.masks_name), size, seed, shown)
-        warn_of_ratio(chosen, shots, table.count)
-        frames = photograph(source, table, optics, chosen, drawn, how)
-    else:
-        source = _band_cube(source)
-        height, width = source["radiance"].shape[:2]
-        drawn = masks_for(chosen, shots, rule, (height, width), seed, shown)
-        warn_of_ratio(chosen, shots, source.sizes["wavelength"])
-        frames = measure_matched(source, chosen, drawn, masks_name=rule.name, seed=seed, noise=_noise(noise, bits, read_noise))
+            write(mirrors, truth)
+            wrote(truth, mirrors["radiance"].shape, "(y, x, wavelength), at the mirrors")
     write(frames, output)
     wrote(output, frames["frames"].shape, f"(shot, channel, y, x), {frames.attrs['units']}")
+
+
+class _View(NamedTuple):
+    """What a camera makes of a cube: the camera as its file states it, the bands of H, mirrors (rows, columns), samples a mirror's side."""
+
+    camera: CameraConfig
+    bands: Bands
+    size: tuple[int, int]
+    samples: int
+
+
+def _view(source: xr.Dataset, camera: Path | None, bands: str | None) -> _View:
+    from optsim.camera import CameraConfig
+    from optsim.cube import Bands
+
+    samples = int(source.attrs.get("oversample", 1))
+    return _View(
+        CameraConfig() if camera is None else CameraConfig.from_toml(camera),
+        Bands.parse(bands if bands is not None else str(source.attrs.get("bands", PAPER))),
+        (source.sizes["y"] // samples, source.sizes["x"] // samples),
+        samples,
+    )
+
+
+def _photographed(
+    source: xr.Dataset, view: _View, optics: CameraConfig, sensor: Sensor, shots: int, pattern: Pattern, how: Exposure
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Return the frames, and the cube at the mirrors that they are of."""
+    from optsim.camera import masks_for, photograph
+    from optsim.camera.objective import through_objective
+
+    source = through_objective(source, optics, view.samples)
+    drawn = masks_for(sensor, shots, mask_rule(how.masks_name), view.size, how.seed, pattern)
+    warn_of_ratio(sensor, shots, view.bands.count)
+    return photograph(source, view.bands, optics, sensor, drawn, how), source
+
+
+def _matched(
+    source: xr.Dataset, sensor: Sensor, shots: int, rule: MaskRule, pattern: Pattern, seed: int, noise: Noise | None
+) -> xr.Dataset:
+    from optsim.camera import masks_for, measure_matched
+
+    source = _band_cube(source)
+    height, width = source["radiance"].shape[:2]
+    drawn = masks_for(sensor, shots, rule, (height, width), seed, pattern)
+    warn_of_ratio(sensor, shots, source.sizes["wavelength"])
+    return measure_matched(source, sensor, drawn, masks_name=rule.name, seed=seed, noise=noise)
 
 
 def _noise(wanted: bool, bits: int | None, read_noise: float | None) -> Noise | None:
     from optsim.camera import Noise
 
+    for name, value in (("--bits", bits), ("--read-noise", read_noise)):
+        if value is not None and not wanted:
+            raise InputError(name, value, "given with --noise")
+    if bits is not None and not 8 <= bits <= 16:
+        raise InputError("--bits", bits, "from 8 to 16")
     if not wanted:
         return None
     return Noise(bits=12 if bits is None else bits, read_noise_e=10.0 if read_noise is None else read_noise)
