@@ -1,5 +1,8 @@
 """Spectra become the colours that colour-science computes, and white stays white."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -30,6 +33,12 @@ def test_a_flat_white_under_its_own_light_is_neutral(lamp, bands):
     assert np.abs(picture - picture.mean(-1, keepdims=True)).max() < 1e-3
     assert picture[-1, -1] == pytest.approx([1, 1, 1], abs=1e-3)
     assert np.abs(lab(scene, bands, exposure)[..., 1:]).max() < 0.1
+
+
+def test_the_observer_is_read_without_importing_colour_science():
+    code = "import sys; from optsim.report.color import observer; observer(); print('colour' in sys.modules)"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "False"
 
 
 def test_tristimulus_values_agree_with_colour_science():
