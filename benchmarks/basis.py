@@ -12,7 +12,7 @@ import numpy as np
 from optsim.camera import Distinct, Repeated, band_model_of, masks_for, measure_matched, sensors, signal_of
 from optsim.cube import Bands
 from optsim.render import RenderSettings, render
-from recon import Kronecker, reconstruct
+from recon import L1, Kronecker, reconstruct
 from recon.metrics import psnr
 from scenes import scene_by_name
 
@@ -42,7 +42,7 @@ def main() -> None:
                 masks = masks_for(sensor, sensor.shots_per_group, rule, size, seed)
                 frames = measure_matched(truth, sensor, masks)
                 basis = Kronecker.for_shape((*size, 24), wavelet=wavelet)
-                solution = reconstruct(band_model_of(frames).operator(np.float32), signal_of(frames), basis=basis)
+                solution = reconstruct(band_model_of(frames).operator(np.float32), signal_of(frames), prior=L1(basis=basis))
                 found.append(psnr(solution.cube, truth["radiance"].values))
             print(f"{target:20s} {wavelet:8s}" + "".join(f"{value:15.2f}" for value in found), flush=True)
 

@@ -18,8 +18,8 @@ from recon.basis import Kronecker, _cosine
 from recon.coded_aperture import CodedAperture, empty_cube
 from recon.data_step import data_step, largest_eigenvalue
 from recon.fista import Descent
+from recon.l1 import L1
 from recon.problem import prepare
-from recon.splitting import shrink
 
 WAVELET, LEVEL = "db2", 5
 GOAL = 6.0  # times faster than pylops, a whole iteration, all cores
@@ -82,10 +82,10 @@ def against_pylops(size: int, bands: int, shots: int, iterations: int, repeats: 
     operator = camera(size, bands, shots)
     basis = Kronecker(wavelet=WAVELET, level=LEVEL)
     frames = operator.astype(np.float64).forward(test_cube(size, bands))
-    problem = prepare(operator, frames, basis)
+    problem = prepare(operator, frames, L1(basis=basis).bind(operator.in_shape, operator.dtype))
     assert problem is not None
     bound = largest_eigenvalue(problem.operator)
-    tau = 1e-3 * problem.tau_max()
+    tau = 1e-3 * problem.reference_tau()
     theirs, _ = pylops_fista(problem.operator, problem.frames, tau, bound)
     last: dict[str, np.ndarray] = {}
 
@@ -114,7 +114,7 @@ def against_pylops(size: int, bands: int, shots: int, iterations: int, repeats: 
     cubes = [np.zeros((bands, size, size), np.float32) for _ in range(3)]
 
     def split() -> None:
-        shrink(basis, cubes[1].transpose(1, 2, 0), 0.01)
+        problem.penalty.shrink(cubes[1].transpose(1, 2, 0), 0.01)
         step.advance(*cubes, 1.8)
 
     splitting = best_ms(repeats * 5, {"split": split})["split"]

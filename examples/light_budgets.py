@@ -62,7 +62,7 @@ def smoothest(operator, signal, gain):
     expected = gain * signal.sum() + signal.size * ((gain * noise.read_noise_e) ** 2 + 1 / 12)
     largest, cube = tau_max(operator, signal), None
     for fraction in fractions:
-        cube = reconstruct(operator, signal, solver=Admm(tau=fraction * largest), start=cube).cube
+        cube = reconstruct(operator, signal, tau=fraction * largest, solver=Admm(), start=cube).cube
         if ((signal - operator.forward(cube)) ** 2).sum() <= expected:
             break
     return cube

@@ -58,7 +58,7 @@ def scores(masks: np.ndarray, name: str, seed: int) -> tuple[float, float]:
     operator = physical_model(camera, sensor, bands, masks).operator("float32")
     clean = reconstruct(operator, operator.forward(truth[name].astype(np.float32)))
     operator, signal = exposed(masks, cubes[name], seed)
-    noisy = reconstruct(operator, signal, solver=Admm(tau=tau_fraction * tau_max(operator, signal)))
+    noisy = reconstruct(operator, signal, tau=tau_fraction * tau_max(operator, signal), solver=Admm())
     return psnr(clean.cube, truth[name]), psnr(noisy.cube, truth[name])
 
 

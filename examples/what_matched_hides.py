@@ -34,5 +34,5 @@ cases = {
 for name, frames in cases.items():
     operator, signal = band_model_of(frames).operator("float32"), signal_of(frames)
     tau = AutoTau().choose(operator, signal).tau
-    solution = reconstruct(operator, signal, solver=Admm(tau=tau))
+    solution = reconstruct(operator, signal, tau=tau, solver=Admm())
     print(f"{name:35s} {psnr(solution.cube, truth['radiance'].values):6.2f} dB, data misfit {solution.residual:.1e}")

@@ -1,6 +1,7 @@
 """ADMM for Eq. 4 with the exact data step (theory.md (S.13))."""
 
 import math
+from typing import ClassVar
 
 from pydantic import Field
 
@@ -8,18 +9,17 @@ from recon.config import Config
 from recon.data_step import DataStep, data_step
 from recon.problem import Found, OnIteration, Problem, blank, edge_cases
 from recon.solution import Stop
-from recon.splitting import Levels, Limits, State, project, shrink, split
+from recon.splitting import Levels, Limits, State, project, split
 
 LEVELS = Levels(start=3.0, end=0.6, decay=0.6 ** (1 / 20), hold=20)  # each new level costs new blocks, so it is held
 
 
 class Admm(Config):
-    """Minimise ``||g - H Psi theta||^2 + tau ||theta||_1`` by alternating an exact data step with a soft threshold.
+    """Minimise ``||g - H f||^2 + tau R(f)`` by alternating an exact data step with the prior's proximal map.
 
     This is Douglas-Rachford splitting, the form of ADMM that eliminates the multiplier.
 
     Args:
-        tau: absolute weight of the l1 norm, at least 0; 0 is plain least squares, ``tau_max`` and above give zero.
         tolerance: both residuals of the splitting must fall below it (relative).
         max_iterations: 0 returns the first guess.
         time_limit_s: wall time in s, or None.
@@ -27,7 +27,8 @@ class Admm(Config):
         relax: over-relaxation, of (0, 2).
     """
 
-    tau: float = Field(ge=0)
+    needs_tau: ClassVar[bool] = True
+
     tolerance: float = Field(default=2e-4, gt=0, lt=1)
     max_iterations: int = Field(default=500, ge=0, le=10**7)
     time_limit_s: float | None = Field(default=None, gt=0)
@@ -36,7 +37,7 @@ class Admm(Config):
 
     def solve(self, problem: Problem, on_iteration: OnIteration | None = None) -> Found:
         """Solve; ``on_iteration(iteration, objective)`` with Eq. 4 of the sparse iterate in the caller's units."""
-        tau, tau_max = problem.inner_tau(self.tau), problem.tau_max()
+        tau, tau_max = problem.weight, problem.tau_max()
         if (found := edge_cases(problem, tau, tau_max, self.max_iterations)) is not None:
             return found
         if tau == 0:
@@ -52,18 +53,18 @@ class Admm(Config):
 
         def report(state: State) -> None:
             if on_iteration is not None:
-                on_iteration(state.iterations, (problem.misfit(state.sparse) + tau * state.l1) * problem.light**2)
+                on_iteration(state.iterations, (problem.misfit(state.sparse) + tau * state.value) * problem.light**2)
 
         levels = Levels(LEVELS.start * self.gamma, LEVELS.end * self.gamma, LEVELS.decay, LEVELS.hold)
         limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
         state, stop = split(problem, step_at, levels, self.relax, limits, scale, report)
-        l1 = shrink(problem.basis, state.sparse, state.level)
-        sparse = problem.misfit(state.sparse) + tau * l1
-        cube = state.sparse if sparse <= problem.eq4(state.x, tau) else state.x
+        value = problem.penalty.shrink(state.sparse, state.level)
+        sparse = problem.misfit(state.sparse) + tau * value
+        cube = state.sparse if problem.nonnegative or sparse <= problem.eq4(state.x, tau) else state.x
         return Found(cube, state.iterations, stop, tau, tau_max)
 
 
-def least_squares(problem: Problem, tau_max: float) -> Found:
+def least_squares(problem: Problem, tau_max: float | None) -> Found:
     """Return the least-squares cube nearest to the start: Eq. 4 at tau = 0."""
     step = data_step(problem.operator, problem.exact_frames, 0.0)
     start = blank(problem) if problem.start is None else problem.start

@@ -1,5 +1,7 @@
 """Basis pursuit: the sparsest cube that explains the frames exactly; it has no tau (theory.md (S.12))."""
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from recon.coded_aperture import CodedAperture
@@ -12,7 +14,7 @@ from recon.splitting import Levels, Limits, State, project, split
 
 
 class BasisPursuit(Config):
-    """``min ||theta||_1`` subject to ``H Psi theta = g``: the limit tau -> 0 of Eq. 4, for data without noise.
+    """``min R(f)`` subject to ``H f = g``: the limit tau -> 0 of Eq. 4, for data without noise.
 
     The answer depends on no weight, on no scale of the responses and on no mix of a sensor's layers.
     Where H H^T is singular the least-squares projection takes its place (eigenvalues under 1e-6 of a block's largest count as 0).
@@ -26,6 +28,8 @@ class BasisPursuit(Config):
         relax: over-relaxation, of (0, 2).
     """
 
+    needs_tau: ClassVar[bool] = False
+
     tolerance: float = Field(default=5e-4, gt=0, lt=1)
     max_iterations: int = Field(default=400, ge=0, le=10**7)
     time_limit_s: float | None = Field(default=None, gt=0)
@@ -33,7 +37,7 @@ class BasisPursuit(Config):
     relax: float = Field(default=1.8, gt=0, lt=2)
 
     def solve(self, problem: Problem, on_iteration: OnIteration | None = None) -> Found:
-        """Solve; ``on_iteration(iteration, ||theta||_1)``, in the caller's units."""
+        """Solve; ``on_iteration(iteration, R)``, in the caller's units."""
         if self.max_iterations == 0:
             return first_guess(problem, None, None)
         step = data_step(problem.operator, problem.exact_frames, 0.0, mixed=True)
@@ -42,7 +46,7 @@ class BasisPursuit(Config):
 
         def report(state: State) -> None:
             if on_iteration is not None:
-                on_iteration(state.iterations, state.l1 * problem.unit)
+                on_iteration(state.iterations, state.value * problem.unit)
 
         limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
         state, stop = split(problem, lambda level: step, levels, self.relax, limits, on_iteration=report)

@@ -1,6 +1,7 @@
 """FISTA with restart for Eq. 4 (theory.md (S.14); Beck and Teboulle 2009, O'Donoghue and Candes 2015)."""
 
 import math
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -10,20 +11,19 @@ from recon.config import Config
 from recon.data_step import largest_eigenvalue
 from recon.problem import Found, OnIteration, Problem, edge_cases
 from recon.solution import Stop
-from recon.splitting import Limits, shrink
+from recon.splitting import Limits
 
 ABRUPT = "; the objective grew without momentum (the step was above 2/L), so the step was shortened"
 WINDOW = 10  # iterations over which the objective's fall is judged
 
 
 class Fista(Config):
-    """Minimise ``||g - H Psi theta||^2 + tau ||theta||_1`` by accelerated proximal gradient steps.
+    """Minimise ``||g - H f||^2 + tau R(f)`` by accelerated proximal gradient steps.
 
     The momentum restarts whenever the objective grows. When it grows without momentum the step was too long: it is
     halved, and the reason to stop says so.
 
     Args:
-        tau: absolute weight of the l1 norm, at least 0; 0 is plain least squares, ``tau_max`` and above give zero.
         tolerance: the solver stops when the objective stayed within this part of itself over 10 iterations.
         max_iterations: 0 returns the first guess.
         time_limit_s: wall time in s, or None.
@@ -31,7 +31,8 @@ class Fista(Config):
             method plus 5 % where there are none.
     """
 
-    tau: float = Field(ge=0)
+    needs_tau: ClassVar[bool] = True
+
     tolerance: float = Field(default=1e-5, gt=0, lt=1)
     max_iterations: int = Field(default=1000, ge=0, le=10**7)
     time_limit_s: float | None = Field(default=None, gt=0)
@@ -39,7 +40,7 @@ class Fista(Config):
 
     def solve(self, problem: Problem, on_iteration: OnIteration | None = None) -> Found:
         """Solve; ``on_iteration(iteration, objective)`` in the caller's units."""
-        tau, tau_max = problem.inner_tau(self.tau), problem.tau_max()
+        tau, tau_max = problem.weight, problem.tau_max()
         if (found := edge_cases(problem, tau, tau_max, self.max_iterations)) is not None:
             return found
         strength = problem.light / problem.unit
@@ -80,7 +81,7 @@ class Descent:
         self._x[...] = 0 if problem.start is None else problem.start
         self._old[...] = self._x
         self._seen_old = problem.operator.forward(self._x)
-        self._l1 = problem.l1(self._x)
+        self._value = problem.penalty.value(self._x)
         self._momentum, self._last, self._plain = 0.0, math.inf, False
         self.iterations = -1
         self.remark = ""
@@ -94,7 +95,7 @@ class Descent:
         """Return Eq. 4 of x, which becomes ``best``, and move on to the next x."""
         grown = 0.5 + math.sqrt(0.25 + self._momentum**2)
         beta = (self._momentum - 1) / grown
-        objective = self._gradient_step(beta) + tau * self._l1
+        objective = self._gradient_step(beta) + tau * self._value
         self._momentum = grown
         if not objective <= self._last * (1 + 1e-6):
             self._momentum = 1.0
@@ -104,7 +105,7 @@ class Descent:
                     self.remark += ABRUPT
         self._plain, self._last = beta <= 0, objective
         self._x, self._old = self._old, self._x
-        self._l1 = shrink(self._problem.basis, self._x, tau / (2 * self._bound))
+        self._value = self._problem.penalty.shrink(self._x, tau / (2 * self._bound))
         self.iterations += 1
         return objective
 

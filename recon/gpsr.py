@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -11,6 +11,8 @@ from pydantic import Field
 from recon.basis import Basis
 from recon.coded_aperture import empty_cube
 from recon.config import Config
+from recon.errors import InputError
+from recon.l1 import L1Penalty
 from recon.operator import LinearOperator
 from recon.problem import Found, OnIteration, Problem, edge_cases
 from recon.solution import Stop
@@ -30,10 +32,11 @@ WORST_CONDITION = 1e6
 
 
 class Gpsr(Config):
-    """Configure GPSR for ``||g - H Psi theta||^2 + tau ||theta||_1`` (theory.md (S.4), no factor 1/2).
+    """Configure GPSR for ``||g - H Psi theta||^2 + tau ||theta||_1`` (theory.md (S.4), no factor 1/2): the prior is ``L1`` without weights.
+
+    At tau = 0 it gives the least-squares cube nearest to the start (zero).
 
     Args:
-        tau: absolute weight of the l1 norm, at least 0; 0 gives the least-squares cube nearest to the start (zero).
         barzilai_borwein: True: GPSR-BB; False: GPSR-Basic with Armijo backtracking.
         monotone: let GPSR-BB minimise along its step, so that the objective never rises; False takes full steps.
         continuation_steps: values of tau, falling to the one asked for, that a solve without a start passes through; 1: none.
@@ -45,7 +48,8 @@ class Gpsr(Config):
             tau = 0: when the gradient of the misfit is this fraction of that at zero.
     """
 
-    tau: float = Field(ge=0)
+    needs_tau: ClassVar[bool] = True
+
     barzilai_borwein: bool = True
     monotone: bool = True
     continuation_steps: int = Field(default=5, ge=1, le=100)
@@ -58,10 +62,12 @@ class Gpsr(Config):
         """Solve; the objective that ``on_iteration`` gets is Eq. 4 at the tau of the present stage, in the caller's units."""
         from recon.gpsr_core import Descent
 
-        tau, tau_max = problem.inner_tau(self.tau), problem.tau_max()
+        basis = _basis(problem)
+        tau, tau_max = problem.weight, problem.tau_max()
         if (found := edge_cases(problem, tau, tau_max, self.max_iterations)) is not None:
             return found
-        model = FlatModel(problem.operator, problem.basis)
+        assert tau_max is not None
+        model = FlatModel(problem.operator, basis)
         theta = np.zeros(model.size, problem.frames.dtype) if problem.start is None else model.coefficients_of(problem.start)
         descent = Descent(model, problem.frames, theta)
         limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
@@ -95,6 +101,15 @@ class Gpsr(Config):
         more, met, _ = descent.least_squares(support, limits)
         note = f"debiased on {count:.0f} coefficients in {more} iterations" + ("" if met else ", which the limits ended")
         return made + more, Stop(f"{stop.reason}; {note}", stop.converged and met)
+
+
+def _basis(problem: Problem) -> Basis:
+    """Return the basis of an l1 problem, the only one that gradient projection on coefficients solves."""
+    if problem.nonnegative:
+        raise InputError("nonnegative", True, "False with Gpsr, whose unknowns are coefficients; take Admm or Fista")
+    if not isinstance(problem.penalty, L1Penalty) or problem.penalty.weighted:
+        raise InputError("prior", type(problem.penalty).__name__, "L1 without weights with Gpsr; take Admm or Fista for other priors")
+    return problem.penalty.basis
 
 
 @dataclass

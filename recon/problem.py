@@ -8,15 +8,15 @@ overflows and every tolerance means the same for 1e-12 and for 1e30. Primes belo
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from recon.basis import Basis
 from recon.coded_aperture import CodedAperture, empty_cube
 from recon.errors import InputError
 from recon.field_aperture import FieldAperture
-from recon.operator import LinearOperator
+from recon.operator import LinearOperator, RowWeighted
+from recon.prior import Penalty
 from recon.solution import Stop
 
 OnIteration = Callable[[int, float], None]
@@ -25,25 +25,35 @@ LARGEST = 1e100  # a frame value whose square is still far from overflow
 
 @dataclass(frozen=True)
 class Problem:
-    """Estimate f' from g' = H' f' (+ noise), sparse in ``basis``.
+    """Estimate f' from g' = H' f' (+ noise) under a prior.
 
     Args:
-        operator: H', largest weight 1.
-        basis: Psi.
-        frames: g', of the operator's type, largest absolute value 1.
+        operator: H', largest weight 1; with known noise W^(1/2) H' as a ``RowWeighted`` (theory.md (S.54)).
+        penalty: the prior R, bound to this solve.
+        frames: g' (with known noise W^(1/2) g'), of the operator's type, largest absolute value 1.
         exact_frames: g' in float64.
         light: g / g'.
         unit: f / f'.
         start: first guess of f' (M, N, K), or None for zero.
+        tau: normalised weight of R; None for solvers without one.
+        nonnegative: the penalty contains f >= 0.
     """
 
     operator: LinearOperator
-    basis: Basis
+    penalty: Penalty
     frames: np.ndarray
     exact_frames: np.ndarray
     light: float
     unit: float
     start: np.ndarray | None = None
+    tau: float | None = None
+    nonnegative: bool = False
+
+    @property
+    def weight(self) -> float:
+        """Return the normalised tau of a solver that has one."""
+        assert self.tau is not None
+        return self.tau
 
     def inner_tau(self, tau: float) -> float:
         """Turn an absolute tau of the caller's units into that of the normalised problem."""
@@ -53,22 +63,24 @@ class Problem:
         """Turn a tau of the normalised problem into the caller's units."""
         return tau * self.light**2 / self.unit
 
-    def tau_max(self) -> float:
-        """Return ``2 max |Psi^T H'^T g'|``, the least normalised tau whose answer is zero (theory.md (S.9))."""
-        return 2 * float(np.abs(self.basis.analysis(self.operator.adjoint(self.frames))).max())
+    def tau_max(self) -> float | None:
+        """Return the least normalised tau whose answer is zero (theory.md (S.9)); None where the prior has no formula for it."""
+        return self.penalty.tau_max(self.operator.adjoint(self.frames))
+
+    def reference_tau(self) -> float:
+        """Return what fractions of tau refer to: ``tau_max``, or ``2 max |H'^T g'|`` where the prior has none."""
+        correlation = self.operator.adjoint(self.frames)
+        known = self.penalty.tau_max(correlation)
+        return 2 * float(np.abs(correlation).max()) if known is None else known
 
     def misfit(self, cube: np.ndarray) -> float:
         """Return ``||g' - H' f'||^2``, summed in float64."""
         gap = self.exact_frames - self.operator.forward(cube)
         return float(np.vdot(gap, gap))
 
-    def l1(self, cube: np.ndarray) -> float:
-        """Return ``||Psi^T f'||_1``, summed in float64."""
-        return float(np.abs(self.basis.analysis(cube)).sum(dtype=np.float64))
-
     def eq4(self, cube: np.ndarray, tau: float) -> float:
-        """Return the normalised objective ``||g' - H' f'||^2 + tau ||Psi^T f'||_1`` (theory.md (S.4)); ``tau`` normalised."""
-        return self.misfit(cube) + tau * self.l1(cube)
+        """Return the normalised objective ``||g' - H' f'||^2 + tau R(f')`` (theory.md (S.4)); ``tau`` normalised."""
+        return self.misfit(cube) + tau * self.penalty.value(cube)
 
 
 @dataclass(frozen=True)
@@ -84,25 +96,41 @@ class Found:
 
 
 class Solver(Protocol):
-    """A frozen configuration that can solve a ``Problem``."""
+    """A frozen configuration that can solve a ``Problem``; ``needs_tau`` tells whether it minimises ``misfit + tau R``."""
+
+    needs_tau: ClassVar[bool]
 
     def solve(self, problem: Problem, on_iteration: OnIteration | None = None) -> Found:
         """Solve; call ``on_iteration(iteration, objective)`` after every iteration, the objective in the caller's units."""
         ...
 
 
-def prepare(operator: LinearOperator, frames: np.ndarray, basis: Basis, start: np.ndarray | None = None) -> Problem | None:
+def prepare(
+    operator: LinearOperator, frames: np.ndarray, penalty: Penalty, start: np.ndarray | None = None, noise: np.ndarray | None = None
+) -> Problem | None:
     """Check and normalise; None when the frames are zero everywhere.
+
+    Args:
+        operator: H.
+        frames: g.
+        penalty: R, bound to the cube's shape and the operator's type.
+        start: first guess (M, N, K) in the caller's units.
+        noise: variance of each measurement; None: all alike.
 
     Raises:
         InputError: ``frames`` for a wrong shape or for values that are not finite, with their count and the first place;
-            ``start`` likewise; ``basis.*`` when the basis doesn't fit the cube.
+            ``start`` and ``noise`` likewise.
     """
     values = checked_frames(frames, operator.out_shape)
+    root = None if noise is None else root_weights(noise, operator.out_shape)
+    if root is not None:
+        values *= root
     light = float(np.abs(values).max())
     if light == 0:
         return None
-    inner, strength = operator.normalised() if isinstance(operator, CodedAperture | FieldAperture) else (operator, 1.0)
+    inner, strength = normalised(operator)
+    if root is not None:
+        inner = RowWeighted(inner, root)
     unit = light / strength
     if not (math.isfinite(unit) and unit > 0):
         raise InputError("frames", light, f"such that frames / response is a finite number; the operator's largest weight is {strength:g}")
@@ -113,7 +141,32 @@ def prepare(operator: LinearOperator, frames: np.ndarray, basis: Basis, start: n
             raise InputError("start", guess.shape, f"a finite cube of shape {tuple(operator.in_shape)}")
         first = (guess / unit).astype(operator.dtype)
     exact = np.ascontiguousarray(values / light)
-    return Problem(inner, basis, exact.astype(operator.dtype), exact, light, unit, first)
+    return Problem(inner, penalty, exact.astype(operator.dtype), exact, light, unit, first)
+
+
+def normalised(operator: LinearOperator) -> tuple[LinearOperator, float]:
+    """Return the operator with largest weight 1, and what that was; operators of others stay as they are."""
+    if isinstance(operator, RowWeighted):
+        inner, strength = normalised(operator.operator)
+        return RowWeighted(inner, operator.weights), strength
+    return operator.normalised() if isinstance(operator, CodedAperture | FieldAperture) else (operator, 1.0)
+
+
+def root_weights(noise: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return W^(1/2) from the variances: W = c / variance, of mean 1 over the measurements that count (theory.md (S.54)).
+
+    Raises:
+        InputError: field ``noise`` for variances that are not positive (infinite leaves a measurement out) or don't fit the frames.
+    """
+    variance = np.asarray(noise, np.float64)
+    if np.isnan(variance).any() or (variance <= 0).any() or not np.isfinite(variance).any():
+        raise InputError("noise", float(variance.min(initial=np.inf)), "positive variances in squared units of the frames, some finite")
+    try:
+        full = np.broadcast_to(variance, shape)
+    except ValueError:
+        raise InputError("noise", variance.shape, f"broadcastable to the frames, {tuple(shape)}") from None
+    weight = full.min() / full
+    return np.asarray(np.sqrt(weight / weight[weight > 0].mean()))
 
 
 def checked_frames(frames: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -139,11 +192,11 @@ def checked_frames(frames: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return values
 
 
-def edge_cases(problem: Problem, tau: float, tau_max: float, max_iterations: int) -> Found | None:
+def edge_cases(problem: Problem, tau: float, tau_max: float | None, max_iterations: int) -> Found | None:
     """Answer Eq. 4 where no iteration is needed: no iterations allowed, or tau at or above tau_max; else None."""
     if max_iterations == 0:
         return first_guess(problem, tau, tau_max)
-    if tau >= tau_max:
+    if tau_max is not None and tau >= tau_max:
         above = f"tau = {problem.outer_tau(tau):.4g} is at or above tau_max = {problem.outer_tau(tau_max):.4g}: the answer is exactly zero"
         return Found(blank(problem), 0, Stop(above + "; lower tau to see something", True), tau, tau_max)
     return None

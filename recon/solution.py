@@ -27,13 +27,14 @@ class Solution:
 
     Args:
         cube: (M, N, K) estimate, in the units of frames / response.
-        objective: Eq. 4, ``||g - H f||^2 + tau ||theta||_1`` (theory.md (S.4)); for basis pursuit ``||theta||_1``.
+        objective: ``||g - H f||^2 + tau R(f)``, Eq. 4 with the l1 prior (theory.md (S.4)), the misfit weighted where the noise
+            is known; for basis pursuit ``R(f)``.
         stop: why the solver stopped.
         iterations: how many it made.
-        tau: the absolute weight of the l1 norm; None for basis pursuit.
+        tau: the absolute weight of R; None for basis pursuit.
         seconds: wall time, set-up included.
-        residual: ``||g - H f|| / ||g||`` (0 when g = 0).
-        tau_max: the least tau whose answer is zero, ``2 max |Psi^T H^T g|``; None for basis pursuit.
+        residual: ``||g - H f|| / ||g||`` (0 when g = 0), weighted where the noise is known.
+        tau_max: the least tau whose answer is zero, with l1 ``2 max |Psi^T H^T g|``; None for basis pursuit and priors without one.
         notes: sentences about the problem itself, e.g. that shots repeat one mask.
     """
 

@@ -2,25 +2,35 @@
 
 import math
 import time
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from recon import threads as pool
-from recon.basis import Basis, Kronecker
 from recon.coded_aperture import CodedAperture, empty_cube
+from recon.errors import InputError
 from recon.field_aperture import FieldAperture
+from recon.l1 import L1
+from recon.nonnegative import NonNegative
 from recon.operator import LinearOperator
+from recon.prior import Prior
 from recon.problem import Found, OnIteration, Problem, Solver, prepare
 from recon.solution import Solution, Stop
+
+if TYPE_CHECKING:
+    from recon.tuning import TauChoice, TauRule
 
 
 def reconstruct(
     operator: LinearOperator,
     frames: np.ndarray,
     *,
-    basis: Basis | None = None,
+    prior: Prior | None = None,
     solver: Solver | None = None,
+    tau: "float | TauRule | None" = None,
+    noise: np.ndarray | None = None,
+    nonnegative: bool = False,
     start: np.ndarray | None = None,
     threads: int | None = None,
     on_iteration: OnIteration | None = None,
@@ -30,8 +40,13 @@ def reconstruct(
     Args:
         operator: H, usually a ``CodedAperture``; its dtype is the precision of the solve (float32 is enough: theory.md S).
         frames: (L, C, M, W) measurements, finite, any unit.
-        basis: Psi; None: ``Kronecker.for_shape`` of the cube.
-        solver: a solver's configuration; None: ``BasisPursuit()``, which needs no tau.
+        prior: R; None: ``L1()``, the paper's.
+        solver: a solver's configuration; None: ``BasisPursuit()``, which needs no tau, or ``Admm()`` when a tau is given.
+        tau: weight of R in ``||g - H f||^2 + tau R(f)``, absolute and at least 0, or a rule that finds one without ground truth;
+            None: ``AutoTau()`` for solvers with a tau. 0 is plain least squares.
+        noise: variance of each measurement, broadcastable to the frames, in their squared unit: the misfit is then weighted by
+            ``W = c / variance``, c such that W has mean 1 and tau keeps its meaning (theory.md (S.54)). Infinite: left out.
+        nonnegative: look among cubes >= 0 only; the answer is exactly >= 0.
         start: (M, N, K) first guess in the cube's units.
         threads: threads of the kernels; None: all cores. The bytes of the answer don't depend on it.
         on_iteration: called as ``on_iteration(iteration, objective)``; what it raises ends the solve.
@@ -40,23 +55,66 @@ def reconstruct(
         The estimate in units of frames / response, with the reason why the solver stopped.
 
     Raises:
-        InputError: for frames, start, basis, threads or tau that make no sense; the message names the field.
+        InputError: for frames, prior, tau, noise, start or threads that make no sense; the message names the field.
     """
     began = time.perf_counter()
     if solver is None:
+        solver = default_solver(tau)
+    prior = L1() if prior is None else prior
+    check_tau(solver, tau)
+    with pool.use(threads):
+        penalty = prior.bind(tuple(operator.in_shape), operator.dtype)
+        problem = prepare(operator, frames, NonNegative(penalty) if nonnegative else penalty, start, noise)
+        if problem is None:
+            return _dark(operator, solver, tau, time.perf_counter() - began)
+        choice = None
+        if solver.needs_tau:
+            value, choice = _resolved(tau, operator, frames, prior, noise, nonnegative)
+            first = problem.start if choice is None or choice.start is None or start is not None else _inner(choice.start, problem)
+            problem = replace(problem, tau=problem.inner_tau(value), start=first)
+        problem = replace(problem, nonnegative=nonnegative)
+        return _solution(operator, problem, solver.solve(problem, on_iteration), choice, began)
+
+
+def default_solver(tau: "float | TauRule | None" = None) -> Solver:
+    """Return basis pursuit, or ADMM when there is a tau."""
+    if tau is None:
         from recon.basis_pursuit import BasisPursuit
 
-        solver = BasisPursuit()
-    if basis is None:
-        basis = Kronecker.for_shape(operator.in_shape)
-    if isinstance(basis, Kronecker):
-        basis.require(operator.in_shape)
-    with pool.use(threads):
-        problem = prepare(operator, frames, basis, start)
-        if problem is None:
-            return _dark(operator, solver, time.perf_counter() - began)
-        found = solver.solve(problem, on_iteration)
-        return _solution(operator, problem, found, began)
+        return BasisPursuit()
+    from recon.admm import Admm
+
+    return Admm()
+
+
+def check_tau(solver: Solver, tau: "float | TauRule | None") -> None:
+    """Refuse a tau that is no weight, and any tau for a solver that has none."""
+    if tau is None:
+        return
+    if not solver.needs_tau:
+        raise InputError("tau", tau, f"absent with {type(solver).__name__}, which has none; Admm, Fista and Gpsr take one")
+    if callable(getattr(tau, "choose", None)):
+        return
+    if isinstance(tau, bool) or not isinstance(tau, int | float | np.number) or not (math.isfinite(tau) and tau >= 0):
+        raise InputError("tau", tau, "a finite number of at least 0, in squared units of the frames over units of the cube, or a rule")
+
+
+def _resolved(
+    tau: "float | TauRule | None", operator: LinearOperator, frames: np.ndarray, prior: Prior, noise: np.ndarray | None, nonnegative: bool
+) -> "tuple[float, TauChoice | None]":
+    """Return the absolute tau and, where a rule found it, how."""
+    if tau is None:
+        from recon.tuning import AutoTau
+
+        tau = AutoTau()
+    if isinstance(tau, int | float | np.number):
+        return float(tau), None
+    choice = tau.choose(operator, frames, prior=prior, noise=noise, nonnegative=nonnegative)
+    return choice.tau, choice
+
+
+def _inner(start: np.ndarray, problem: Problem) -> np.ndarray:
+    return np.asarray((np.asarray(start, np.float64) / problem.unit).astype(problem.operator.dtype))
 
 
 def warm_up(dtype: Any = np.float32) -> None:
@@ -74,12 +132,14 @@ def warm_up(dtype: Any = np.float32) -> None:
         camera.astype(np.float64).forward(np.ones(camera.in_shape))
         frames = camera.forward(np.ones(camera.in_shape, dtype))
         reconstruct(camera, frames, threads=1)
-        tune(camera, frames, refine=Admm(tau=0), threads=1)
+        tune(camera, frames, refine=Admm(), threads=1)
 
 
-def _solution(operator: LinearOperator, problem: Problem, found: Found, began: float) -> Solution:
-    misfit, l1 = problem.misfit(found.cube), problem.l1(found.cube)
-    objective = l1 * problem.unit if found.tau is None else (misfit + found.tau * l1) * problem.light**2
+def _solution(operator: LinearOperator, problem: Problem, found: Found, choice: "TauChoice | None", began: float) -> Solution:
+    if problem.nonnegative:
+        np.maximum(found.cube, 0, out=found.cube)
+    misfit, value = problem.misfit(found.cube), problem.penalty.value(found.cube)
+    objective = value * problem.unit if found.tau is None else (misfit + found.tau * value) * problem.light**2
     size = float(np.vdot(problem.exact_frames, problem.exact_frames))
     return Solution(
         cube=_scaled(found.cube, problem.unit),
@@ -90,16 +150,16 @@ def _solution(operator: LinearOperator, problem: Problem, found: Found, began: f
         seconds=time.perf_counter() - began,
         residual=math.sqrt(misfit / size),
         tau_max=None if found.tau_max is None else problem.outer_tau(found.tau_max),
-        notes=(*_notes(operator), *found.notes),
+        notes=(*_notes(operator), *(() if choice is None else (choice.reason,)), *found.notes),
     )
 
 
-def _dark(operator: LinearOperator, solver: Solver, seconds: float) -> Solution:
+def _dark(operator: LinearOperator, solver: Solver, tau: "float | TauRule | None", seconds: float) -> Solution:
     cube = empty_cube(tuple(operator.in_shape), operator.dtype)
     cube[...] = 0
-    tau = getattr(solver, "tau", None)
+    weight = (float(tau) if isinstance(tau, int | float | np.number) else 0.0) if solver.needs_tau else None
     stop = Stop("the frames are zero everywhere, and so is the answer", True)
-    return Solution(cube, 0.0, stop, 0, tau, seconds, 0.0, None if tau is None else 0.0, _notes(operator))
+    return Solution(cube, 0.0, stop, 0, weight, seconds, 0.0, None if weight is None else 0.0, _notes(operator))
 
 
 def _scaled(cube: np.ndarray, unit: float) -> np.ndarray:

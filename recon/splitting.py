@@ -1,6 +1,6 @@
 """Douglas-Rachford splitting, the engine of basis pursuit and of ADMM (theory.md (S.11)).
 
-It alternates the exact data step with a soft threshold in the basis. The threshold's level only sets the speed, never
+It alternates the exact data step with the prior's proximal map. The threshold's level only sets the speed, never
 the answer: it starts high, where the picture's large structures settle in a few iterations, and falls geometrically
 to an end level that balances the two residuals. Levels are in units of the root mean square of the first estimate, so
 nothing depends on the light or on the response.
@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from recon.basis import Basis, Kronecker
 from recon.coded_aperture import empty_cube
 from recon.data_step import DataStep, Sums
 from recon.problem import Problem
@@ -59,26 +58,16 @@ class Limits:
 
 @dataclass
 class State:
-    """The iterates: ``x`` from the data step and ``sparse``, which holds ``Psi s`` in the callback and ``2 x - z`` at the end.
+    """The iterates: ``x`` from the data step and ``sparse``, which holds the shrunk cube s in the callback and ``2 x - z`` at the end.
 
-    ``l1`` is the norm of the last s, ``level`` the threshold that comes next.
+    ``value`` is R(s) of the last s, ``level`` the threshold that comes next.
     """
 
     x: np.ndarray
     sparse: np.ndarray
-    l1: float = 0.0
+    value: float = 0.0
     level: float = 0.0
     iterations: int = 0
-
-
-def shrink(basis: Basis, cube: np.ndarray, level: float) -> float:
-    """Replace a band-major cube by ``Psi soft(Psi^T f, level)`` in place and return the l1 norm of its coefficients."""
-    if isinstance(basis, Kronecker):
-        return basis.shrink(cube, level)
-    theta = basis.analysis(cube)
-    theta -= np.clip(theta, -theta.dtype.type(level), theta.dtype.type(level))
-    cube[...] = basis.synthesis(theta)
-    return float(np.abs(theta).sum(dtype=np.float64))
 
 
 def split(
@@ -101,7 +90,7 @@ def split(
         scale: rms of the cube; None: of the first data step's answer.
         on_iteration: called with the state after each iteration.
 
-    The primal residual is ``||Psi s - x|| / ||x||``, the dual one ``||x - x_before|| / (10 ||z - x||)``.
+    The primal residual is ``||s - x|| / ||x||``, the dual one ``||x - x_before|| / (10 ||z - x||)``.
     """
     state, z, w, x = _begin(problem)
     level = levels.start * (1.0 if scale is None else scale)
@@ -113,7 +102,7 @@ def split(
     state.level = level
     stop = None
     while stop is None:
-        state.l1 = shrink(problem.basis, state.sparse, level)
+        state.value = problem.penalty.shrink(state.sparse, level)
         state.iterations += 1
         if on_iteration is not None:
             on_iteration(state)

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 from pydantic import Field, SerializeAsAny, field_validator
 
 from recon import threads as pool
-from recon.basis import Basis, Kronecker
 from recon.config import Config
 from recon.errors import InputError
+from recon.fista import Fista
 from recon.gpsr import Gpsr
+from recon.l1 import L1
+from recon.nonnegative import NonNegative
 from recon.operator import LinearOperator, RowWeighted
+from recon.prior import Prior
 from recon.problem import OnIteration, Problem, Solver, prepare
 from recon.solution import Solution
 from recon.solve import reconstruct
@@ -29,7 +32,7 @@ class TauChoice:
     """The tau that a rule chose, and why.
 
     Args:
-        tau: absolute weight of the l1 norm.
+        tau: absolute weight of the prior.
         fraction: tau / tau_max.
         reason: one sentence.
         at_edge: the choice is an end of its grid, so a better value may lie outside.
@@ -50,7 +53,16 @@ class TauChoice:
 class TauRule(Protocol):
     """A way to find an absolute tau for one operator and its frames without ground truth."""
 
-    def choose(self, operator: LinearOperator, frames: np.ndarray, *, basis: Basis | None = None, threads: int | None = None) -> TauChoice:
+    def choose(
+        self,
+        operator: LinearOperator,
+        frames: np.ndarray,
+        *,
+        prior: Prior | None = None,
+        noise: np.ndarray | None = None,
+        nonnegative: bool = False,
+        threads: int | None = None,
+    ) -> TauChoice:
         """Return the tau for these frames."""
         ...
 
@@ -64,9 +76,18 @@ class TauFraction(Config):
 
     fraction: float = Field(ge=0)
 
-    def choose(self, operator: LinearOperator, frames: np.ndarray, *, basis: Basis | None = None, threads: int | None = None) -> TauChoice:
+    def choose(
+        self,
+        operator: LinearOperator,
+        frames: np.ndarray,
+        *,
+        prior: Prior | None = None,
+        noise: np.ndarray | None = None,
+        nonnegative: bool = False,
+        threads: int | None = None,
+    ) -> TauChoice:
         """Return ``fraction * tau_max`` for these frames."""
-        tau = self.fraction * tau_max(operator, frames, basis=basis, threads=threads)
+        tau = self.fraction * tau_max(operator, frames, prior=prior, noise=noise, threads=threads)
         return TauChoice(tau, self.fraction, f"tau is {self.fraction:g} of tau_max, as asked")
 
 
@@ -78,11 +99,11 @@ class TauPath(Config):
 
     Args:
         fractions: strictly falling values of tau / tau_max, each above 0 and below 1, 1 to 64 of them.
-        solver: configuration of the solves (``Gpsr``, ``Admm``, ``Fista``); its own tau is ignored.
+        solver: configuration of the solves; None: ``Gpsr`` for the l1 norm without weights, ``Fista`` for other priors.
     """
 
     fractions: tuple[float, ...] = Field(default=(1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5), min_length=1, max_length=64)
-    solver: SerializeAsAny[Config] = Gpsr(tau=0, max_iterations=80, tolerance=1e-4)
+    solver: SerializeAsAny[Config] | None = None
 
     @field_validator("fractions")
     @classmethod
@@ -93,8 +114,8 @@ class TauPath(Config):
 
     @field_validator("solver")
     @classmethod
-    def _has_tau(cls, solver: Config) -> Config:
-        if "tau" not in type(solver).model_fields:
+    def _has_tau(cls, solver: Config | None) -> Config | None:
+        if solver is not None and not getattr(solver, "needs_tau", False):
             raise InputError("TauPath.solver", type(solver).__name__, "a solver of Eq. 4 with a tau: Gpsr, Admm or Fista")
         return solver
 
@@ -103,7 +124,9 @@ class TauPath(Config):
         operator: LinearOperator,
         frames: np.ndarray,
         *,
-        basis: Basis | None = None,
+        prior: Prior | None = None,
+        noise: np.ndarray | None = None,
+        nonnegative: bool = False,
         threads: int | None = None,
         largest: float | None = None,
         guide: tuple[np.ndarray, ...] = (),
@@ -115,7 +138,9 @@ class TauPath(Config):
         Args:
             operator: H.
             frames: (L, C, M, W) measurements.
-            basis: Psi; None: ``Kronecker.for_shape`` of the cube.
+            prior: R; None: ``L1()``.
+            noise: variance of each measurement, as for :func:`recon.reconstruct`.
+            nonnegative: look among cubes >= 0 only.
             threads: threads of the kernels; None: all cores.
             largest: tau_max that the fractions refer to; None: that of these frames.
             guide: cubes (M, N, K) of the same path on nearly the same data, one a point, whose changes predict the starts;
@@ -129,19 +154,35 @@ class TauPath(Config):
         if guide and len(guide) != len(self.fractions):
             raise InputError("guide", len(guide), f"as many cubes as fractions, {len(self.fractions)}")
         if largest is None:
-            largest = tau_max(operator, frames, basis=basis, threads=threads)
+            largest = tau_max(operator, frames, prior=prior, noise=noise, threads=threads)
+        solver = self.solver_for(prior, nonnegative)
         found: list[Solution] = []
         for i, fraction in enumerate(self.fractions):
             start = _followed(guide, found) if guide else self._predicted(found)
-            solver = self.solver.model_copy(update={"tau": fraction * largest})
             found.append(
                 reconstruct(
-                    operator, frames, basis=basis, solver=cast(Solver, solver), start=start, threads=threads, on_iteration=on_iteration
+                    operator,
+                    frames,
+                    prior=prior,
+                    solver=solver,
+                    tau=fraction * largest,
+                    noise=noise,
+                    nonnegative=nonnegative,
+                    start=start,
+                    threads=threads,
+                    on_iteration=on_iteration,
                 )
             )
             if on_point is not None:
                 on_point(i, found[-1])
         return tuple(found)
+
+    def solver_for(self, prior: Prior | None, nonnegative: bool = False) -> Solver:
+        """Return the solver given, or the one that suits the prior."""
+        if self.solver is not None:
+            return cast(Solver, self.solver)
+        plain = not nonnegative and (prior is None or (isinstance(prior, L1) and prior.weights is None))
+        return Gpsr(max_iterations=80, tolerance=1e-4) if plain else Fista(max_iterations=80, tolerance=1e-4)
 
     def _predicted(self, found: list[Solution]) -> np.ndarray | None:
         """Continue the last change, in proportion to the step in log tau, at most in full (theory.md (S.38))."""
@@ -172,36 +213,53 @@ class AutoTau(Config):
     slack: float = Field(default=0.1, ge=0, le=1)
     seed: int = Field(default=0, ge=0, lt=2**64)
 
-    def choose(self, operator: LinearOperator, frames: np.ndarray, *, basis: Basis | None = None, threads: int | None = None) -> TauChoice:
+    def choose(
+        self,
+        operator: LinearOperator,
+        frames: np.ndarray,
+        *,
+        prior: Prior | None = None,
+        noise: np.ndarray | None = None,
+        nonnegative: bool = False,
+        threads: int | None = None,
+    ) -> TauChoice:
         """Return the smallest tau that predicts the held-out pixels within ``slack`` of the best.
 
         Raises:
             InputError: see :func:`recon.reconstruct`.
         """
-        return self.try_all(operator, frames, basis=basis, threads=threads)[0]
+        return self.try_all(operator, frames, prior=prior, noise=noise, nonnegative=nonnegative, threads=threads)[0]
 
     def try_all(
         self,
         operator: LinearOperator,
         frames: np.ndarray,
         *,
-        basis: Basis | None = None,
+        prior: Prior | None = None,
+        noise: np.ndarray | None = None,
+        nonnegative: bool = False,
         threads: int | None = None,
         on_point: OnPoint | None = None,
         on_iteration: OnIteration | None = None,
     ) -> tuple[TauChoice, tuple[np.ndarray, ...]]:
         """Return the choice and the held-out estimates (M, N, K) along the path, a guide for a path on all data."""
-        psi = Kronecker.for_shape(operator.in_shape) if basis is None else basis
-        problem = prepare(operator, frames, psi)
+        problem = _prepared(operator, frames, prior, noise, nonnegative)
         if problem is None:
             return TauChoice(0.0, 0.0, "the frames are zero everywhere, so tau does not matter"), ()
         held = self.held_out(operator.out_shape)
         kept = (~held).astype(problem.frames.dtype)
         with pool.use(threads):
-            largest = problem.tau_max()
+            largest = problem.reference_tau()
         seen = RowWeighted(problem.operator, kept)
         solutions = self.path.follow(
-            seen, problem.frames * kept, basis=psi, threads=threads, largest=largest, on_point=on_point, on_iteration=on_iteration
+            seen,
+            problem.frames * kept,
+            prior=prior,
+            nonnegative=nonnegative,
+            threads=threads,
+            largest=largest,
+            on_point=on_point,
+            on_iteration=on_iteration,
         )
         with pool.use(threads):
             squares = np.array([_held_squares(problem, s.cube, held) for s in solutions])
@@ -270,7 +328,9 @@ def tune(
     auto: AutoTau | None = None,
     refine: Config | None = None,
     score: Callable[[np.ndarray], float] | None = None,
-    basis: Basis | None = None,
+    prior: Prior | None = None,
+    noise: np.ndarray | None = None,
+    nonnegative: bool = False,
     threads: int | None = None,
     on_point: OnPoint | None = None,
     on_iteration: OnIteration | None = None,
@@ -283,7 +343,9 @@ def tune(
         auto: the automatic rule and the path's values; None: ``AutoTau()``.
         refine: solver of the path on all data, which starts close to its answers; None: the same as with pixels held out.
         score: figure of merit of a cube against the truth, higher is better; for the oracle only.
-        basis: Psi; None: ``Kronecker.for_shape`` of the cube.
+        prior: R; None: ``L1()``.
+        noise: variance of each measurement, as for :func:`recon.reconstruct`.
+        nonnegative: look among cubes >= 0 only.
         threads: threads of the kernels; None: all cores.
         on_point: called after every point of both paths, numbered through.
         on_iteration: called in every solve; what it raises ends the search.
@@ -293,23 +355,41 @@ def tune(
     """
     rule = AutoTau() if auto is None else auto
     count = len(rule.path.fractions)
-    choice, guide = rule.try_all(operator, frames, basis=basis, threads=threads, on_point=on_point, on_iteration=on_iteration)
+    about: Any = {"prior": prior, "noise": noise, "nonnegative": nonnegative, "threads": threads, "on_iteration": on_iteration}
+    choice, guide = rule.try_all(operator, frames, on_point=on_point, **about)
     if not guide:
         raise InputError("frames", 0.0, "different from zero somewhere: without light there is no tau to choose")
     path = rule.path if refine is None else rule.path.model_copy(update={"solver": refine})
     later = None if on_point is None else (lambda i, solution: on_point(count + i, solution))
-    solutions = path.follow(operator, frames, basis=basis, threads=threads, guide=guide, on_point=later, on_iteration=on_iteration)
+    solutions = path.follow(operator, frames, guide=guide, on_point=later, **about)
     scores = () if score is None else tuple(float(score(s.cube)) for s in solutions)
     return TauReport(solutions, path.fractions, choice, rule.path.fractions.index(choice.fraction), scores)
 
 
-def tau_max(operator: LinearOperator, frames: np.ndarray, *, basis: Basis | None = None, threads: int | None = None) -> float:
-    """Return the least tau whose answer is zero, ``2 max |Psi^T H^T g|`` (theory.md (S.9)); 0 for dark frames."""
-    problem = prepare(operator, frames, Kronecker.for_shape(operator.in_shape) if basis is None else basis)
+def tau_max(
+    operator: LinearOperator,
+    frames: np.ndarray,
+    *,
+    prior: Prior | None = None,
+    noise: np.ndarray | None = None,
+    threads: int | None = None,
+) -> float:
+    """Return the least tau whose answer is zero, with l1 ``2 max |Psi^T H^T g|`` (theory.md (S.9)); 0 for dark frames.
+
+    For priors without such a formula it is ``2 max |H^T g|``, a scale that fractions can refer to.
+    """
+    problem = _prepared(operator, frames, prior, noise)
     if problem is None:
         return 0.0
     with pool.use(threads):
-        return problem.outer_tau(problem.tau_max())
+        return problem.outer_tau(problem.reference_tau())
+
+
+def _prepared(
+    operator: LinearOperator, frames: np.ndarray, prior: Prior | None, noise: np.ndarray | None, nonnegative: bool = False
+) -> Problem | None:
+    penalty = (L1() if prior is None else prior).bind(tuple(operator.in_shape), operator.dtype)
+    return prepare(operator, frames, NonNegative(penalty) if nonnegative else penalty, noise=noise)
 
 
 def _followed(guide: tuple[np.ndarray, ...], found: list[Solution]) -> np.ndarray:

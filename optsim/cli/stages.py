@@ -40,7 +40,7 @@ def reconstruct(
     from optsim.camera import check_frames, with_unit_shifts
     from optsim.files import read, writable, write
     from optsim.study.inverse import estimate_of, invert
-    from recon import Kronecker
+    from recon import L1, Kronecker
 
     writable(output, source=frames)
     measured = read(frames)
@@ -55,13 +55,15 @@ def reconstruct(
         )
         print(f"solver: {solver}{why}", file=sys.stderr)
     basis = Kronecker.for_shape((measured.sizes["mirror_y"], measured.sizes["mirror_x"], measured.sizes["wavelength"]), wavelet=wavelet)
-    chosen, start = solver_named(solver, tau, measured, max_iterations, debias, basis)
+    prior = L1(basis=basis)
+    chosen, choice = solver_named(solver, tau, measured, max_iterations, debias, prior)
     with progress_bar(solver) as progress:
         solution = invert(
             measured,
             chosen,
-            basis=basis,
-            start=start,
+            prior=prior,
+            tau=None if choice is None else choice.tau,
+            start=None if choice is None else choice.start,
             on_iteration=lambda iteration, value: progress(None, f"iteration {iteration}, objective {value:.5g}"),
         )
     write(estimate_of(measured, solution), output)

@@ -15,14 +15,13 @@ from cyclopts import Parameter
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
     import xarray as xr
 
     from optsim.camera import Sensor
     from optsim.camera.dmd import MaskRule
     from optsim.camera.knowledge import Knowledge
     from optsim.render.choice import Physics
-    from recon.basis import Basis
+    from recon.prior import Prior
     from recon.problem import Solver
     from recon.tuning import TauChoice
     from scenes.scene import Scene
@@ -101,9 +100,9 @@ def physics_named(field: str, names: Sequence[str]) -> tuple[Physics, ...]:
 
 
 def solver_named(
-    word: str, tau: str | None, frames: xr.Dataset, max_iterations: int | None, debias: bool, basis: Basis
-) -> tuple[Solver, np.ndarray | None]:
-    """Return a solver's configuration, its tau resolved for these frames, and a first guess if finding tau gave one.
+    word: str, tau: str | None, frames: xr.Dataset, max_iterations: int | None, debias: bool, prior: Prior
+) -> tuple[Solver, TauChoice | None]:
+    """Return a solver's configuration and the tau found for these frames, None for basis pursuit.
 
     Args:
         word: basis-pursuit, admm, gpsr or fista.
@@ -111,7 +110,7 @@ def solver_named(
         frames: the measurement, from which an automatic tau is found without ground truth.
         max_iterations: None leaves the solver's default.
         debias: refit the support (gpsr).
-        basis: in which an automatic tau is sought.
+        prior: with which an automatic tau is sought.
 
     Raises:
         InputError: ``--tau``, ``--debias`` or ``--max-iterations``.
@@ -127,13 +126,11 @@ def solver_named(
         if tau is not None:
             raise InputError("--tau", tau, "absent with --solver basis-pursuit, which needs none")
         return BasisPursuit(**limit), None
-    choice = _tau(tau, frames, basis)
-    if word == "gpsr":
-        return Gpsr(tau=choice.tau, debias=debias, **limit), choice.start
-    return {"admm": Admm, "fista": Fista}[word](tau=choice.tau, **limit), choice.start
+    choice = _tau(tau, frames, prior)
+    return {"gpsr": Gpsr(debias=debias, **limit), "admm": Admm(**limit), "fista": Fista(**limit)}[word], choice
 
 
-def _tau(word: str | None, frames: xr.Dataset, basis: Basis) -> TauChoice:
+def _tau(word: str | None, frames: xr.Dataset, prior: Prior) -> TauChoice:
     import numpy as np
 
     from optsim.camera import band_model_of, signal_of
@@ -150,7 +147,7 @@ def _tau(word: str | None, frames: xr.Dataset, basis: Basis) -> TauChoice:
         if not 0 <= fraction <= 1:
             raise InputError("--tau", word, allowed)
         rule = TauFraction(fraction=fraction)
-    choice = rule.choose(band_model_of(frames).operator(np.float32), signal_of(frames), basis=basis)
+    choice = rule.choose(band_model_of(frames).operator(np.float32), signal_of(frames), prior=prior)
     print(choice.reason, file=sys.stderr)
     return choice
 

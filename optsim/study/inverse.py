@@ -14,16 +14,18 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
-    from recon.basis import Basis
+    from recon.prior import Prior
     from recon.problem import Solver
     from recon.solution import Solution
+    from recon.tuning import TauRule
 
 
 def invert(
     frames: xr.Dataset,
     solver: Solver | None = None,
     *,
-    basis: Basis | None = None,
+    prior: Prior | None = None,
+    tau: float | TauRule | None = None,
     start: np.ndarray | None = None,
     threads: int | None = None,
     on_iteration: Callable[[int, float], None] | None = None,
@@ -33,7 +35,8 @@ def invert(
     Args:
         frames: as ``optsim measure`` writes it; its masks, responses and columns make H.
         solver: None: basis pursuit.
-        basis: None: the default wavelet x DCT.
+        prior: None: l1 in the default wavelet x DCT.
+        tau: weight of the prior or a rule for it; None: the solver's default.
         start: (M, N, K) first guess in the cube's units, or None.
         threads: None: all cores.
         on_iteration: called as ``on_iteration(iteration, objective)``; what it raises ends the solve.
@@ -45,7 +48,9 @@ def invert(
     from recon import reconstruct
 
     operator = band_model_of(frames).operator(np.float32)
-    return reconstruct(operator, signal_of(frames), basis=basis, solver=solver, start=start, threads=threads, on_iteration=on_iteration)
+    return reconstruct(
+        operator, signal_of(frames), prior=prior, solver=solver, tau=tau, start=start, threads=threads, on_iteration=on_iteration
+    )
 
 
 def estimate_of(frames: xr.Dataset, solution: Solution) -> xr.Dataset:

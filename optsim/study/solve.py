@@ -18,7 +18,7 @@ from optsim.study.world import world_key
 if TYPE_CHECKING:
     import xarray as xr
 
-    from recon import Admm, Gpsr, Kronecker
+    from recon import L1, Admm, Gpsr
     from recon.metrics import Scores
     from recon.solution import Solution
     from recon.tuning import AutoTau
@@ -65,7 +65,7 @@ def _refine(task: SolveTask) -> Admm | Gpsr:
     """Return the solver of the path on all data, which starts next to the answers of the held-out path."""
     from recon import Admm, Gpsr
 
-    return Admm(tau=0) if task.solver == ADMM else Gpsr(tau=0, max_iterations=GPSR_ITERATIONS, tolerance=1e-4)
+    return Admm() if task.solver == ADMM else Gpsr(max_iterations=GPSR_ITERATIONS, tolerance=1e-4)
 
 
 def run_solve(config: StudyConfig, task: SolveTask, store: Store, tick: Tick) -> dict[str, Any]:
@@ -102,7 +102,7 @@ Solved = tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, "Solution"]
 def _basis_pursuit(config: StudyConfig, task: SolveTask, frames: xr.Dataset, truth: np.ndarray, tick: Tick) -> Solved:
     from recon.metrics import score
 
-    solution = invert(frames, basis=_basis(config, truth), threads=1, on_iteration=tick)
+    solution = invert(frames, prior=_prior(config, truth), threads=1, on_iteration=tick)
     return [_row(config, task, solution, score(solution.cube, truth), None, solution.seconds)], [], {"": solution}
 
 
@@ -122,7 +122,7 @@ def _tuned(config: StudyConfig, task: SolveTask, frames: xr.Dataset, truth: np.n
         auto=_rule(config),
         refine=_refine(task),
         score=lambda cube: psnr(cube, truth),
-        basis=_basis(config, truth),
+        prior=_prior(config, truth),
         threads=1,
         on_point=on_point,
         on_iteration=tick,
@@ -156,10 +156,10 @@ def _tuned(config: StudyConfig, task: SolveTask, frames: xr.Dataset, truth: np.n
     return rows, path, {f"-{rule_name}": solution for rule_name, solution in solutions.items()}
 
 
-def _basis(config: StudyConfig, truth: np.ndarray) -> Kronecker:
-    from recon import Kronecker
+def _prior(config: StudyConfig, truth: np.ndarray) -> L1:
+    from recon import L1, Kronecker
 
-    return Kronecker.for_shape(truth.shape, wavelet=config.wavelet)
+    return L1(basis=Kronecker.for_shape(truth.shape, wavelet=config.wavelet))
 
 
 def _row(config: StudyConfig, task: SolveTask, solution: Solution, scores: Scores, rule: str | None, seconds: float) -> dict[str, Any]:

@@ -61,5 +61,5 @@ def test_a_cube_is_found_from_the_quattros_matched_frames():
     level = np.random.default_rng(2).uniform(0.2, 1, (1, 1, BANDS.count))
     truth = np.broadcast_to(level, (8, 8, BANDS.count))
     frames = measure_matched(make_cube(truth.astype(np.float32), BANDS), SENSOR, masks_for(SENSOR, 8, Distinct(), (8, 8), 0))
-    found = reconstruct(band_model_of(frames).operator(), signal_of(frames), solver=Admm(tau=1e-6)).cube
+    found = reconstruct(band_model_of(frames).operator(), signal_of(frames), tau=1e-6, solver=Admm()).cube
     np.testing.assert_allclose(found, truth, atol=0.02)

@@ -11,7 +11,7 @@ from recon import threads
 from recon.basis import DEFAULT_LEVEL, Kronecker, cosine_matrix, largest_level
 from recon.coded_aperture import empty_cube
 from recon.errors import InputError
-from recon.splitting import shrink
+from recon.l1 import L1
 
 SHAPES = [((16, 32, 5), 3), ((8, 8, 24), 3), ((6, 5, 4), 0), ((64, 64, 1), 5), ((40, 24, 7), 2)]
 
@@ -91,7 +91,7 @@ def test_the_fused_shrink_equals_analysis_soft_threshold_synthesis(bands):
     theta = judge(cube, "db2", 3)
     soft = np.sign(theta) * np.maximum(np.abs(theta) - 0.4, 0)
     expected = basis.synthesis(soft)
-    assert shrink(basis, cube, 0.4) == pytest.approx(np.abs(soft).sum(), rel=1e-12)
+    assert L1(basis=basis).bind(cube.shape, cube.dtype).shrink(cube, 0.4) == pytest.approx(np.abs(soft).sum(), rel=1e-12)
     np.testing.assert_allclose(cube, expected, atol=1e-12)
 
 

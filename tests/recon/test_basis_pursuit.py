@@ -7,6 +7,7 @@ from scipy.optimize import linprog
 from recon.basis import Kronecker
 from recon.basis_pursuit import BasisPursuit
 from recon.coded_aperture import CodedAperture
+from recon.l1 import L1
 from recon.solve import reconstruct
 
 TIGHT = BasisPursuit(tolerance=1e-6, max_iterations=3000)
@@ -31,7 +32,7 @@ def test_a_linear_programme_finds_no_smaller_norm(sensor, shots, camera_of, cube
     b = frames.transpose(0, 1, 3, 2).ravel()
     answer = linprog(np.ones(2 * a.shape[1]), A_eq=np.hstack([a, -a]), b_eq=b, method="highs")
     assert answer.status == 0
-    solution = reconstruct(operator, frames, basis=basis, solver=TIGHT)
+    solution = reconstruct(operator, frames, prior=L1(basis=basis), solver=TIGHT)
     assert solution.residual < 1e-12
     assert answer.fun * (1 - 1e-9) <= solution.objective <= answer.fun * (1 + 1e-4)
 

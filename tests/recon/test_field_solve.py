@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recon import Admm, BasisPursuit, FieldAperture, Fista, Gpsr, Kronecker, Readout, Spread, reconstruct
+from recon import L1, Admm, BasisPursuit, FieldAperture, Fista, Gpsr, Kronecker, Readout, Spread, reconstruct
 from recon.banded import RowInverse
 from recon.data_step import ConjugateStep, data_step, reduced
 from recon.operator import LinearOperator
@@ -106,11 +106,11 @@ def test_every_solver_finds_the_same_minimum_of_eq_4_through_a_field_operator(ki
     dense, g = h.dense(), frames.transpose(0, 1, 3, 2).ravel()
     values = []
     for solver in (
-        Admm(tau=tau, tolerance=1e-5, max_iterations=2000),
-        Fista(tau=tau, tolerance=1e-7, max_iterations=4000),
-        Gpsr(tau=tau, tolerance=1e-7, max_iterations=4000),
+        Admm(tolerance=1e-5, max_iterations=2000),
+        Fista(tolerance=1e-7, max_iterations=4000),
+        Gpsr(tolerance=1e-7, max_iterations=4000),
     ):
-        cube = reconstruct(h, frames, basis=basis, solver=solver).cube
+        cube = reconstruct(h, frames, prior=L1(basis=basis), tau=tau, solver=solver).cube
         values.append(((g - dense @ flat(cube)) ** 2).sum() + tau * np.abs(basis.analysis(cube)).sum())
     np.testing.assert_allclose(values, min(values), rtol=2e-3)
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from recon import Admm, CodedAperture, Fista, Gpsr, InputError, Kronecker, reconstruct
+from recon import L1, Admm, CodedAperture, Fista, Gpsr, InputError, Kronecker, reconstruct
 from recon.metrics import psnr
 from recon.tuning import AutoTau, TauFraction, TauPath, tau_max, tune
 
 SHAPE = (32, 32, 6)
 BASIS = Kronecker(wavelet="db2", level=3)
-SOLVER = Gpsr(tau=0, max_iterations=80, tolerance=1e-4)
+SOLVER = Gpsr(max_iterations=80, tolerance=1e-4)
 FRACTIONS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 
 
@@ -64,7 +64,7 @@ def test_automatic_tau_costs_under_three_tenths_of_a_decibel_against_the_oracle_
 def test_more_noise_asks_for_a_larger_tau():
     operator = camera("mono", shots=3)
     rule = AutoTau(path=TauPath(fractions=(1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4), solver=SOLVER))
-    chosen = [rule.choose(operator, measured(operator, noise), basis=BASIS).fraction for noise in (0.01, 0.1, 0.3)]
+    chosen = [rule.choose(operator, measured(operator, noise), prior=L1(basis=BASIS)).fraction for noise in (0.01, 0.1, 0.3)]
     assert chosen == sorted(chosen)
     assert chosen[0] < chosen[1]
 
@@ -72,8 +72,8 @@ def test_more_noise_asks_for_a_larger_tau():
 def test_held_out_error_equals_that_of_a_solve_which_never_saw_the_pixels():
     operator = camera("foveon", dtype=np.float64)
     frames = measured(operator, 0.01)
-    rule = AutoTau(path=TauPath(fractions=(1e-2,), solver=Gpsr(tau=0, tolerance=1e-9)), share=0.1, seed=4)
-    choice = rule.choose(operator, frames, basis=BASIS)
+    rule = AutoTau(path=TauPath(fractions=(1e-2,), solver=Gpsr(tolerance=1e-9)), share=0.1, seed=4)
+    choice = rule.choose(operator, frames, prior=L1(basis=BASIS))
     held = rule.held_out(operator.out_shape)
     spoiled = frames.copy()
     spoiled[:, :, held] = 7 * frames.max()
@@ -94,7 +94,7 @@ def test_held_out_error_equals_that_of_a_solve_which_never_saw_the_pixels():
             z[:, :, held] = 0
             return operator.adjoint(z, out)
 
-    solution = reconstruct(Blind(), np.where(held, 0, spoiled), basis=BASIS, solver=Gpsr(tau=choice.tau, tolerance=1e-9))
+    solution = reconstruct(Blind(), np.where(held, 0, spoiled), prior=L1(basis=BASIS), tau=choice.tau, solver=Gpsr(tolerance=1e-9))
     gap = (frames - operator.forward(solution.cube))[:, :, held]
     assert choice.errors[0] == pytest.approx(np.sum(gap**2) / np.sum(frames[:, :, held] ** 2), rel=1e-4)
     np.testing.assert_allclose(choice.start, solution.cube, atol=1e-5)
@@ -103,18 +103,20 @@ def test_held_out_error_equals_that_of_a_solve_which_never_saw_the_pixels():
 @pytest.mark.parametrize("slack", [0.0, 0.1, 1.0])
 def test_the_choice_is_the_smallest_tau_within_the_slack_of_the_least_error(slack):
     operator = camera("bayer")
-    choice = AutoTau(path=TauPath(fractions=FRACTIONS, solver=SOLVER), slack=slack).choose(operator, measured(operator, 0.05), basis=BASIS)
+    choice = AutoTau(path=TauPath(fractions=FRACTIONS, solver=SOLVER), slack=slack).choose(
+        operator, measured(operator, 0.05), prior=L1(basis=BASIS)
+    )
     good = [f for f, e in zip(FRACTIONS, choice.errors) if e <= (1 + slack) * min(choice.errors)]
     assert choice.fraction == min(good)
     assert choice.at_edge == (choice.fraction in (FRACTIONS[0], FRACTIONS[-1]))
 
 
-@pytest.mark.parametrize("solver", [Fista(tau=0, max_iterations=100), Admm(tau=0, max_iterations=60)])
+@pytest.mark.parametrize("solver", [Fista(max_iterations=100), Admm(max_iterations=60)])
 def test_any_solver_of_the_objective_may_walk_the_path(solver):
     operator = camera("foveon")
     frames = measured(operator, 0.02)
     rules = [AutoTau(path=TauPath(fractions=(1e-1, 1e-2, 1e-3), solver=s)) for s in (SOLVER, solver)]
-    one, other = (rule.choose(operator, frames, basis=BASIS) for rule in rules)
+    one, other = (rule.choose(operator, frames, prior=L1(basis=BASIS)) for rule in rules)
     assert other.errors == pytest.approx(one.errors, rel=0.05)
 
 
@@ -133,11 +135,11 @@ def test_X8_the_automatic_choice_does_not_depend_on_the_unit(scale):
     operator = camera("bayer")
     frames = measured(operator, 0.02)
     rule = AutoTau(path=TauPath(fractions=FRACTIONS, solver=SOLVER))
-    plain, scaled = (rule.choose(operator, f, basis=BASIS) for f in (frames, frames * scale))
+    plain, scaled = (rule.choose(operator, f, prior=L1(basis=BASIS)) for f in (frames, frames * scale))
     assert scaled.fraction == plain.fraction
     assert scaled.tau == pytest.approx(plain.tau * scale, rel=1e-5)
     assert scaled.errors == pytest.approx(plain.errors, rel=1e-3)
-    brighter = rule.choose(operator.replace(response=operator.response * scale), frames, basis=BASIS)
+    brighter = rule.choose(operator.replace(response=operator.response * scale), frames, prior=L1(basis=BASIS))
     assert brighter.fraction == plain.fraction
     assert brighter.tau == pytest.approx(plain.tau * scale, rel=1e-5)
 
@@ -146,7 +148,7 @@ def test_the_choice_is_the_same_for_any_number_of_threads():
     operator = camera("mono", shots=2)
     frames = measured(operator, 0.02)
     rule = AutoTau(path=TauPath(fractions=FRACTIONS, solver=SOLVER))
-    one, two = (rule.choose(operator, frames, basis=BASIS, threads=n) for n in (1, 2))
+    one, two = (rule.choose(operator, frames, prior=L1(basis=BASIS), threads=n) for n in (1, 2))
     assert one.errors == two.errors
     assert one.start.tobytes() == two.start.tobytes()
 
@@ -155,10 +157,10 @@ def test_a_fraction_resolves_to_that_part_of_twice_the_largest_correlation():
     operator = camera("foveon", dtype=np.float64)
     frames = measured(operator, 0)
     expected = 2 * np.abs(BASIS.analysis(operator.adjoint(frames))).max()
-    assert tau_max(operator, frames, basis=BASIS) == pytest.approx(expected, rel=1e-12)
-    choice = TauFraction(fraction=0.25).choose(operator, frames, basis=BASIS)
+    assert tau_max(operator, frames, prior=L1(basis=BASIS)) == pytest.approx(expected, rel=1e-12)
+    choice = TauFraction(fraction=0.25).choose(operator, frames, prior=L1(basis=BASIS))
     assert choice.tau == pytest.approx(expected / 4, rel=1e-12)
-    assert reconstruct(operator, frames, basis=BASIS, solver=Gpsr(tau=choice.tau)).tau_max == pytest.approx(expected, rel=1e-12)
+    assert reconstruct(operator, frames, prior=L1(basis=BASIS), tau=choice.tau, solver=Gpsr()).tau_max == pytest.approx(expected, rel=1e-12)
 
 
 def test_X5_dark_frames_need_no_tau():
@@ -182,20 +184,20 @@ def test_X6_a_value_that_is_not_finite_is_refused():
 def test_every_point_of_a_path_is_the_minimum_for_its_tau():
     operator = camera("bayer")
     frames = measured(operator, 0.01)
-    path = TauPath(fractions=(1e-1, 1e-2, 1e-3), solver=Gpsr(tau=0, tolerance=1e-6))
+    path = TauPath(fractions=(1e-1, 1e-2, 1e-3), solver=Gpsr(tolerance=1e-6))
     seen = []
-    solutions = path.follow(operator, frames, basis=BASIS, on_point=lambda i, s: seen.append((i, s.tau)))
+    solutions = path.follow(operator, frames, prior=L1(basis=BASIS), on_point=lambda i, s: seen.append((i, s.tau)))
     assert [i for i, _ in seen] == [0, 1, 2]
     for fraction, solution in zip(path.fractions, solutions):
         assert solution.tau == pytest.approx(fraction * solution.tau_max, rel=1e-6)
-        alone = reconstruct(operator, frames, basis=BASIS, solver=Gpsr(tau=solution.tau, tolerance=1e-6))
+        alone = reconstruct(operator, frames, prior=L1(basis=BASIS), tau=solution.tau, solver=Gpsr(tolerance=1e-6))
         assert solution.objective == pytest.approx(alone.objective, rel=1e-3)
 
 
 def test_a_path_says_where_its_iterations_ended_it():
     operator = camera("mono")
-    solver = Gpsr(tau=0, max_iterations=3)
-    solutions = TauPath(fractions=(1e-2, 1e-4), solver=solver).follow(operator, measured(operator, 0), basis=BASIS)
+    solver = Gpsr(max_iterations=3)
+    solutions = TauPath(fractions=(1e-2, 1e-4), solver=solver).follow(operator, measured(operator, 0), prior=L1(basis=BASIS))
     assert not any(s.stop.converged for s in solutions)
     assert all("max_iterations = 3" in s.stop.reason for s in solutions)
 
