@@ -37,6 +37,8 @@ SHARE, SHADOW_SHARE = 0.1, 0.5
 """Shares of the error asked for that are left to the quadrature over pixels and over lights."""
 MAX_DIVISIONS = 8
 """How often a trapezoid is cut in four at most."""
+DENSE_VALUES = 2**18
+"""Pictures of so few pixels x materials are spread by a dense product: as quick, and SciPy need not be imported."""
 ROUNDING = 2.0**-23
 """Relative error of values kept as float32, and of the arithmetic before."""
 LEVEL_POINTS = 24
@@ -191,11 +193,13 @@ class FlatPicture:
 
     def _spread(self, seen: Seen, value: np.ndarray, group: int, first: int, last: int) -> np.ndarray:
         """Turn irradiance times area on cells into radiance of pixels."""
+        table = self._tables[group]
+        pixel, shape = seen.cells.pixel - first, (last - first, len(table))
+        if shape[0] * shape[1] <= DENSE_VALUES:
+            return np.bincount(pixel * shape[1] + seen.row, value / np.pi, shape[0] * shape[1]).reshape(shape) @ table
         from scipy.sparse import csr_array
 
-        table = self._tables[group]
-        places = (seen.cells.pixel - first, seen.row)
-        return csr_array((value / np.pi, places), shape=(last - first, len(table))) @ table
+        return csr_array((value / np.pi, (pixel, seen.row)), shape=shape) @ table
 
     def _shadowed(self, number: int, first: int, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what shadows take from the pixels of a strip, and how far that may be off."""
