@@ -1,0 +1,60 @@
+"""Single arrays (frames, masks) out of foreign files, through the limited child process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from optsim.errors import InputError
+from optsim.files.reader import Reader
+from optsim.files.recognise import recognise
+
+STACKS = {"mat5": ("y", "x", "shot"), "hdf5": ("y", "x", "shot"), "npy": ("shot", "y", "x"), "png": ("y", "x", "channel")}
+"""Axes of a stack of pictures that nobody has stated; of MATLAB files as MATLAB shows them."""
+
+
+def read_pictures(
+    path: Path | str, known: Sequence[str], *, variable: str | None = None, axes: Sequence[str] | None = None, reader: Reader | None = None
+) -> np.ndarray:
+    """Read a picture or a stack of pictures as (shot, channel, y, x).
+
+    Args:
+        path: MATLAB, NumPy, HDF5 or PNG file.
+        known: names to look for, in this order, where the file holds several arrays.
+        variable: name of the array; None: the only one of two to four axes, or the first known one.
+        axes: of the stored array in its order, out of shot, channel, y, x; None: y, x for a picture, for a stack as its format has it.
+        reader: decodes the file; None: a child process of its own.
+
+    Raises:
+        InputError: naming file or array.
+    """
+    path = Path(path)
+    source = recognise(path)
+    with ExitStack() as closing:
+        reader = closing.enter_context(Reader()) if reader is None else reader
+        arrays = {a.name: a for a in reader.survey(source) if 2 <= len(a.shape) <= 4 and min(a.shape[:2]) > 1}
+        listed = ", ".join(f"{a.name} {a.shape}" for a in list(arrays.values())[:10]) or "no picture"
+        names = [variable] if variable is not None else [name for name in known if name in arrays] or list(arrays)
+        if variable is None and len(arrays) > 1 and names[0] not in known:
+            raise InputError("variable", listed, f"named, as {path.name} holds several arrays")
+        if not names or names[0] not in arrays:
+            raise InputError("variable", variable, f"a picture in {path.name}: {listed}")
+        found = arrays[names[0]]
+        stated = tuple(axes) if axes is not None and len(axes) == len(found.shape) else None
+        order = stated or (("y", "x") if len(found.shape) == 2 else STACKS.get(source.format, ()))
+        if len(order) != len(found.shape) or len(set(order)) != len(order) or not {"y", "x"} <= set(order) <= {"shot", "channel", "y", "x"}:
+            raise InputError("--axes", axes, f"out of shot, channel, y, x, one for each axis of {path.name}:{found.name} {found.shape}")
+        values = reader.read(source, found)
+    return _as_stack(values, order)
+
+
+def _as_stack(values: np.ndarray, order: Sequence[str]) -> np.ndarray:
+    """Return (shot, channel, y, x)."""
+    names = list(order)
+    for name in ("shot", "channel"):
+        if name not in names:
+            values, names = values[None], [name, *names]
+    return np.transpose(values, [names.index(name) for name in ("shot", "channel", "y", "x")])
