@@ -9,7 +9,10 @@ from typing import Any
 _HOME = {
     "Config": "config",
     "InputError": "errors",
+    "Operator": "operator",
     "LinearOperator": "operator",
+    "GramBlocks": "gram",
+    "GramBands": "gram",
     "RowWeighted": "operator",
     "adjoint_error": "operator",
     "norm_squared": "operator",

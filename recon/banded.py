@@ -4,8 +4,8 @@ import numpy as np
 
 from recon import threads
 from recon.coded_aperture import CodedAperture
-from recon.data_step import Sums
 from recon.field_aperture import FieldAperture
+from recon.operator_step import Sums
 
 REGULAR = {"float32": 1e-6, "float64": 1e-11}  # of the largest diagonal entry: what is added when rho = 0
 NEAR_SHARE = 0.9  # of a band's light that the columns kept there hold
@@ -18,19 +18,22 @@ class RowInverse:
         operator: H.
         rho: at least 0.
         regular: with rho = 0 a banded factor cannot leave out eigenvalues: this part of H H^T's largest diagonal entry is added.
+        weights: d (L, C, M, W) where H is ``diag(d)`` times the operator; None: 1.
     """
 
-    def __init__(self, operator: CodedAperture | FieldAperture, rho: float, regular: float = 0.0) -> None:
+    def __init__(
+        self, operator: CodedAperture | FieldAperture, rho: float, regular: float = 0.0, weights: np.ndarray | None = None
+    ) -> None:
         from recon import banded_kernels
 
         self._solve = banded_kernels.solve_groups
-        self._factor = _factor(operator, rho if rho > 0 else regular * _largest(operator))
+        self._factor = _factor(operator, rho if rho > 0 else regular * _largest(operator), weights)
         self._none = np.zeros(operator.out_shape, operator.dtype)
 
     @classmethod
-    def near(cls, operator: FieldAperture, rho: float) -> "RowInverse":
+    def near(cls, operator: FieldAperture, rho: float, weights: np.ndarray | None = None) -> "RowInverse":
         """Return the inverse of the nearest camera whose rows don't couple (theory.md (S.43))."""
-        return cls(operator.rows_only(NEAR_SHARE), rho)
+        return cls(operator.rows_only(NEAR_SHARE), rho, weights=weights)
 
     def __call__(self, frames: np.ndarray, seen: np.ndarray | None = None, out: np.ndarray | None = None) -> np.ndarray:
         """Return the inverse times (frames - seen)."""
@@ -46,14 +49,22 @@ class BandedStep:
     and what it leaves of g - H f is in ``Solution.residual``.
     """
 
-    def __init__(self, operator: CodedAperture | FieldAperture, frames: np.ndarray, rho: float, notes: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self,
+        operator: CodedAperture | FieldAperture,
+        frames: np.ndarray,
+        rho: float,
+        notes: tuple[str, ...] = (),
+        weights: np.ndarray | None = None,
+    ) -> None:
         from recon import step_kernels
 
         self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
         self.notes = notes
         self._operator = operator
-        self._inverse = RowInverse(operator, rho, REGULAR[operator.dtype.name])
-        self._frames = np.ascontiguousarray(frames, operator.dtype)
+        self._inverse = RowInverse(operator, rho, REGULAR[operator.dtype.name], weights)
+        self._weights = None if weights is None else weights.astype(operator.dtype)
+        self._frames = np.ascontiguousarray(frames if weights is None else frames * weights, operator.dtype)
         self._seen, self._y = np.empty_like(self._frames), np.empty_like(self._frames)
         self._step = np.empty((operator.in_shape[2], *operator.in_shape[:2]), operator.dtype)
         self._sums = np.zeros((operator.in_shape[0], 4))
@@ -63,7 +74,11 @@ class BandedStep:
         real, rows = z.dtype.type, z.shape[1]
         threads.run(self._relax, rows, z, w, x, real(relax), self._sums)
         self._operator.forward(z.transpose(1, 2, 0), self._seen)
+        if self._weights is not None:
+            self._seen *= self._weights
         self._inverse(self._frames, self._seen, self._y)
+        if self._weights is not None:
+            self._y *= self._weights
         self._operator.adjoint(self._y, self._step.transpose(1, 2, 0))
         threads.run(self._finish, rows, z, self._step, x, w, real(ratio), self._sums)
         return Sums(*(float(v) for v in self._sums.sum(0)))
@@ -81,7 +96,7 @@ def _largest(operator: CodedAperture | FieldAperture) -> float:
     return max(float(np.einsum("mssj->msj", gram).max()) for gram in every)
 
 
-def _factor(operator: CodedAperture | FieldAperture, rho: float) -> np.ndarray:
+def _factor(operator: CodedAperture | FieldAperture, rho: float, weights: np.ndarray | None) -> np.ndarray:
     from recon import banded_kernels
 
     rows, width = operator.out_shape[2:]
@@ -90,18 +105,22 @@ def _factor(operator: CodedAperture | FieldAperture, rho: float) -> np.ndarray:
     groups = -(-rows // lanes)
     factor = np.empty((groups, width * size, half + 1, lanes), operator.dtype)
     for group in range(groups):
-        band = _band(operator, slice(group * lanes, (group + 1) * lanes), half, lanes)
+        band = _band(operator, slice(group * lanes, (group + 1) * lanes), half, lanes, weights)
         band[:, :, 0] += rho
         banded_kernels.factor_groups(0, 1, band, half, factor[group : group + 1])
     return factor
 
 
-def _band(operator: CodedAperture | FieldAperture, rows: slice, half: int, lanes: int) -> np.ndarray:
+def _band(operator: CodedAperture | FieldAperture, rows: slice, half: int, lanes: int, weights: np.ndarray | None = None) -> np.ndarray:
     """Return the band matrices of a group of rows: ``[0, i, d, lane] = A[i, i - d]`` with ``i = j S + s``."""
     size, width = operator.measurements, operator.width
     band = np.zeros((1, width * size, half + 1, lanes))
     for offset in range(operator.reach):
         gram = operator.gram(offset, rows)
+        if weights is not None:
+            root = weights.reshape(size, -1, width)[:, rows].transpose(1, 0, 2)
+            gram = gram * root[:, :, None]
+            gram[..., : width - offset] *= root[:, None, :, offset:]
         for p in range(size):
             for q in range(size):
                 d = offset * size + q - p

@@ -1,6 +1,6 @@
 """What a solver needs of a camera: a linear map and its exact adjoint."""
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -8,10 +8,37 @@ from recon.errors import InputError
 
 
 @runtime_checkable
-class LinearOperator(Protocol):
-    """A linear map from cubes (M, N, K) to frames (L, C, M, W), as numpy arrays of any strides.
+class Operator(Protocol):
+    """What a solve needs at least: shapes, forward and adjoint. Without a ``dtype`` it is called with float32.
 
-    ``forward`` and ``adjoint`` write into ``out`` when it is given and return it.
+    With a method ``gram_blocks()`` (``recon.GramBlocks`` or ``recon.GramBands``) it gets exact data steps, else conjugate gradients.
+    """
+
+    @property
+    def in_shape(self) -> tuple[int, ...]:
+        """Shape of a cube (rows, columns, bands)."""
+        ...
+
+    @property
+    def out_shape(self) -> tuple[int, ...]:
+        """Shape of the frames, of any rank."""
+        ...
+
+    def forward(self, x: np.ndarray, /) -> np.ndarray:
+        """Apply H."""
+        ...
+
+    def adjoint(self, y: np.ndarray, /) -> np.ndarray:
+        """Apply H^T."""
+        ...
+
+
+@runtime_checkable
+class LinearOperator(Protocol):
+    """A linear map from cubes (M, N, K) to frames (those of a camera: (L, C, M, W)), as numpy arrays of any strides.
+
+    ``forward`` and ``adjoint`` write into ``out`` when it is given and return it. :func:`recon.reconstruct` asks less of the
+    operators it is given: see ``Operator``.
     """
 
     @property
@@ -50,6 +77,9 @@ class RowWeighted:
     """
 
     def __init__(self, operator: LinearOperator, weights: np.ndarray) -> None:
+        from recon.adapted import adapted
+
+        operator = adapted(operator)
         values = np.asarray(weights, operator.dtype)
         if not np.isfinite(values).all() or (values < 0).any():
             raise InputError("weights", float(values.min()), "finite and at least 0")
@@ -62,6 +92,10 @@ class RowWeighted:
         self.out_shape = operator.out_shape
         self.dtype = operator.dtype
 
+    def astype(self, dtype: Any) -> "RowWeighted":
+        """Return the same operator computing in another precision."""
+        return RowWeighted(in_precision(self.operator, dtype), self.weights)
+
     def forward(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Apply diag(weights) H."""
         result = self.operator.forward(x, out)
@@ -71,6 +105,12 @@ class RowWeighted:
     def adjoint(self, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Apply H^T diag(weights)."""
         return self.operator.adjoint(y * self.weights, out)
+
+
+def in_precision(operator: LinearOperator, dtype: Any) -> LinearOperator:
+    """Return the same operator computing in another precision."""
+    change: Any = operator
+    return operator if operator.dtype == dtype else cast(LinearOperator, change.astype(dtype))
 
 
 def adjoint_error(operator: LinearOperator, seed: int = 0) -> float:

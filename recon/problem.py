@@ -12,11 +12,14 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from recon.adapted import Adapted, adapted
 from recon.coded_aperture import CodedAperture, empty_cube
 from recon.errors import InputError
 from recon.field_aperture import FieldAperture
-from recon.operator import LinearOperator, RowWeighted
-from recon.prior import Penalty
+from recon.l1 import L1
+from recon.nonnegative import NonNegative
+from recon.operator import LinearOperator, Operator, RowWeighted
+from recon.prior import Penalty, Prior
 from recon.solution import Stop
 
 OnIteration = Callable[[int, float], None]
@@ -105,22 +108,38 @@ class Solver(Protocol):
         ...
 
 
-def prepare(
-    operator: LinearOperator, frames: np.ndarray, penalty: Penalty, start: np.ndarray | None = None, noise: np.ndarray | None = None
+def pose(
+    operator: Operator,
+    frames: np.ndarray,
+    prior: Prior | None = None,
+    *,
+    start: np.ndarray | None = None,
+    noise: np.ndarray | None = None,
+    nonnegative: bool = False,
 ) -> Problem | None:
-    """Check and normalise; None when the frames are zero everywhere.
+    """Check, bind the prior, normalise; None when the frames are zero everywhere.
 
     Args:
         operator: H.
         frames: g.
-        penalty: R, bound to the cube's shape and the operator's type.
+        prior: R; None: ``L1()``.
         start: first guess (M, N, K) in the caller's units.
         noise: variance of each measurement; None: all alike.
+        nonnegative: add f >= 0 to the prior.
 
     Raises:
         InputError: ``frames`` for a wrong shape or for values that are not finite, with their count and the first place;
-            ``start`` and ``noise`` likewise.
+            ``start`` and ``noise`` likewise; ``operator`` for one that can't be used; what the prior refuses.
     """
+    own = adapted(operator)
+    penalty = (L1() if prior is None else prior).bind(own.in_shape, own.dtype)
+    return prepare(own, frames, NonNegative(penalty) if nonnegative else penalty, start, noise)
+
+
+def prepare(
+    operator: LinearOperator, frames: np.ndarray, penalty: Penalty, start: np.ndarray | None = None, noise: np.ndarray | None = None
+) -> Problem | None:
+    """Check and normalise, as ``pose``, with a penalty that is bound already to the operator's shape and type."""
     values = checked_frames(frames, operator.out_shape)
     root = None if noise is None else root_weights(noise, operator.out_shape)
     if root is not None:
@@ -141,7 +160,7 @@ def prepare(
             raise InputError("start", guess.shape, f"a finite cube of shape {tuple(operator.in_shape)}")
         first = (guess / unit).astype(operator.dtype)
     exact = np.ascontiguousarray(values / light)
-    return Problem(inner, penalty, exact.astype(operator.dtype), exact, light, unit, first)
+    return Problem(inner, penalty, exact.astype(operator.dtype), exact, light, unit, first, nonnegative=isinstance(penalty, NonNegative))
 
 
 def normalised(operator: LinearOperator) -> tuple[LinearOperator, float]:
@@ -149,7 +168,7 @@ def normalised(operator: LinearOperator) -> tuple[LinearOperator, float]:
     if isinstance(operator, RowWeighted):
         inner, strength = normalised(operator.operator)
         return RowWeighted(inner, operator.weights), strength
-    return operator.normalised() if isinstance(operator, CodedAperture | FieldAperture) else (operator, 1.0)
+    return operator.normalised() if isinstance(operator, CodedAperture | FieldAperture | Adapted) else (operator, 1.0)
 
 
 def root_weights(noise: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -177,19 +196,22 @@ def checked_frames(frames: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """
     values = np.asarray(frames)
     if values.shape != tuple(shape):
-        raise InputError("frames", values.shape, f"of the operator's shape (shots, channels, rows, columns) = {tuple(shape)}")
+        raise InputError("frames", values.shape, f"of the operator's shape{_axes(shape)} {tuple(shape)}")
     if not (np.issubdtype(values.dtype, np.floating) or np.issubdtype(values.dtype, np.integer)):
         raise InputError("frames", str(values.dtype), "real numbers")
     values = values.astype(np.float64)
     bad = ~np.isfinite(values)
     if bad.any():
         where: tuple[Any, ...] = tuple(int(i) for i in np.argwhere(bad)[0])
-        raise InputError(
-            "frames", float(values[where]), f"finite; {int(bad.sum())} values are not, first (shot, channel, row, column) is {where}"
-        )
+        raise InputError("frames", float(values[where]), f"finite; {int(bad.sum())} values are not, first{_axes(shape)} is {where}")
     if np.abs(values).max(initial=0.0) > LARGEST:
         raise InputError("frames", float(np.abs(values).max()), f"at most {LARGEST:g} in absolute value")
     return values
+
+
+def _axes(shape: tuple[int, ...]) -> str:
+    """Name the axes of a camera's frames."""
+    return " (shot, channel, row, column)" if len(shape) == 4 else ""
 
 
 def edge_cases(problem: Problem, tau: float, tau_max: float | None, max_iterations: int) -> Found | None:

@@ -8,22 +8,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from recon import threads as pool
+from recon.adapted import adapted
 from recon.coded_aperture import CodedAperture, empty_cube
 from recon.errors import InputError
 from recon.field_aperture import FieldAperture
-from recon.l1 import L1
-from recon.nonnegative import NonNegative
-from recon.operator import LinearOperator
+from recon.operator import LinearOperator, Operator
 from recon.prior import Prior
-from recon.problem import Found, OnIteration, Problem, Solver, prepare
+from recon.problem import Found, OnIteration, Problem, Solver, pose
 from recon.solution import Solution, Stop
 
 if TYPE_CHECKING:
-    from recon.tuning import TauChoice, TauRule
+    from recon.tau import TauChoice, TauRule
 
 
 def reconstruct(
-    operator: LinearOperator,
+    operator: Operator,
     frames: np.ndarray,
     *,
     prior: Prior | None = None,
@@ -38,8 +37,9 @@ def reconstruct(
     """Estimate the cube that the operator photographed into ``frames``.
 
     Args:
-        operator: H, usually a ``CodedAperture``; its dtype is the precision of the solve (float32 is enough: theory.md S).
-        frames: (L, C, M, W) measurements, finite, any unit.
+        operator: H: a ``CodedAperture``, or any object with in_shape, out_shape, forward and adjoint (see ``Operator``). Its
+            dtype, without one float32, is the precision of the solve.
+        frames: measurements of the operator's ``out_shape``, a camera's are (L, C, M, W); finite, any unit.
         prior: R; None: ``L1()``, the paper's.
         solver: a solver's configuration; None: ``BasisPursuit()``, which needs no tau, or ``Admm()`` when a tau is given.
         tau: weight of R in ``||g - H f||^2 + tau R(f)``, absolute and at least 0, or a rule that finds one without ground truth;
@@ -55,16 +55,15 @@ def reconstruct(
         The estimate in units of frames / response, with the reason why the solver stopped.
 
     Raises:
-        InputError: for frames, prior, tau, noise, start or threads that make no sense; the message names the field.
+        InputError: for operator, frames, prior, tau, noise, start or threads that make no sense; the message names the field.
     """
     began = time.perf_counter()
     if solver is None:
         solver = default_solver(tau)
-    prior = L1() if prior is None else prior
     check_tau(solver, tau)
+    operator = adapted(operator)
     with pool.use(threads):
-        penalty = prior.bind(tuple(operator.in_shape), operator.dtype)
-        problem = prepare(operator, frames, NonNegative(penalty) if nonnegative else penalty, start, noise)
+        problem = pose(operator, frames, prior, start=start, noise=noise, nonnegative=nonnegative)
         if problem is None:
             return _dark(operator, solver, tau, time.perf_counter() - began)
         choice = None
@@ -72,7 +71,6 @@ def reconstruct(
             value, choice = _resolved(tau, operator, frames, prior, noise, nonnegative)
             first = problem.start if choice is None or choice.start is None or start is not None else _inner(choice.start, problem)
             problem = replace(problem, tau=problem.inner_tau(value), start=first)
-        problem = replace(problem, nonnegative=nonnegative)
         return _solution(operator, problem, solver.solve(problem, on_iteration), choice, began)
 
 
@@ -100,11 +98,16 @@ def check_tau(solver: Solver, tau: "float | TauRule | None") -> None:
 
 
 def _resolved(
-    tau: "float | TauRule | None", operator: LinearOperator, frames: np.ndarray, prior: Prior, noise: np.ndarray | None, nonnegative: bool
+    tau: "float | TauRule | None",
+    operator: LinearOperator,
+    frames: np.ndarray,
+    prior: Prior | None,
+    noise: np.ndarray | None,
+    nonnegative: bool,
 ) -> "tuple[float, TauChoice | None]":
     """Return the absolute tau and, where a rule found it, how."""
     if tau is None:
-        from recon.tuning import AutoTau
+        from recon.tau import AutoTau
 
         tau = AutoTau()
     if isinstance(tau, int | float | np.number):
@@ -124,7 +127,7 @@ def warm_up(dtype: Any = np.float32) -> None:
     thread of its own while something else runs.
     """
     from recon.admm import Admm
-    from recon.tuning import tune
+    from recon.tau import tune
 
     masks = np.indices((1, 8, 8)).sum(0) % 2
     for spread in (1, 2):

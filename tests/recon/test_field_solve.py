@@ -55,7 +55,7 @@ def test_data_step_of_a_field_operator_is_the_dense_formula(kind, sensor, repeat
     inner = np.linalg.solve(dense @ dense.T + rho * np.eye(len(dense)), g.transpose(0, 1, 3, 2).ravel() - dense @ flat(z))
     step = data_step(h, g, rho)
     if kind == "blur":  # solved by iterations: to the end
-        less, merged = reduced(h, g, rho, False, [])
+        less, merged, _ = reduced(h, g, None, [], False)
         step = ConjugateStep(less, merged, rho, RowInverse.near(less, rho), tolerance=1e-13, iterations=1000)
     np.testing.assert_allclose(flat(advanced(step, z)), flat(z) + dense.T @ inner, atol=1e-9)
 

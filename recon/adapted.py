@@ -1,0 +1,106 @@
+"""Operators of others: anything with in_shape, out_shape, forward and adjoint becomes a ``LinearOperator`` (theory.md (S.56))."""
+
+from typing import Any
+
+import numpy as np
+
+from recon.coded_aperture import CodedAperture
+from recon.errors import InputError
+from recon.field_aperture import FieldAperture
+from recon.gram import GramBands, GramBlocks, KnowsGram
+from recon.operator import LinearOperator, RowWeighted
+
+PARTS = ("in_shape", "out_shape", "forward", "adjoint")
+FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
+
+
+class Adapted:
+    """An operator of others behind the full protocol: types and shapes checked, results of its dtype, largest response near 1.
+
+    Args:
+        operator: has ``in_shape`` (M, N, K), ``out_shape`` (any), ``forward(cube)``, ``adjoint(frames)``; optionally ``dtype``
+            (float32 or float64; without one, float32) and ``gram_blocks()``.
+        dtype: instead of the operator's own.
+
+    Raises:
+        InputError: field ``operator``.
+    """
+
+    def __init__(self, operator: Any, dtype: Any = None) -> None:
+        missing = [name for name in PARTS if not hasattr(operator, name)]
+        if missing:
+            raise InputError("operator", type(operator).__name__, f"an object with {', '.join(PARTS)}; {', '.join(missing)} missing")
+        self.operator = operator
+        self.in_shape = _shape("operator.in_shape", operator.in_shape)
+        self.out_shape = _shape("operator.out_shape", operator.out_shape)
+        if len(self.in_shape) != 3:
+            raise InputError("operator.in_shape", self.in_shape, "three sides: rows, columns, bands")
+        own = np.dtype(dtype if dtype is not None else getattr(operator, "dtype", None) or np.float32)
+        self.dtype: np.dtype[Any] = own if own in FLOATS else FLOATS[0]
+        self.strength = 1.0
+
+    def normalised(self) -> tuple["Adapted", float]:
+        """Return the operator divided by its largest response to a cube of random signs, and what that was.
+
+        Raises:
+            InputError: field ``operator`` when it sees nothing or gives values that are not finite.
+        """
+        draw = np.random.Generator(np.random.Philox(0))
+        seen = self.forward(draw.choice(np.array([-1, 1], self.dtype), self.in_shape))
+        size = float(np.abs(seen).max())
+        if not np.isfinite(size):
+            raise InputError("operator.forward", size, "finite for a cube of +1 and -1")
+        if size == 0:
+            raise InputError("operator", 0.0, "different from 0: the camera sees nothing of a cube of random signs")
+        inner = Adapted(self.operator, self.dtype)
+        inner.strength = self.strength * size
+        return inner, size
+
+    def astype(self, dtype: Any) -> "Adapted":
+        """Return the same operator giving another type."""
+        other = Adapted(self.operator, dtype)
+        other.strength = self.strength
+        return other
+
+    def forward(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Apply H."""
+        return self._into(self.operator.forward(np.asarray(x, self.dtype)), self.out_shape, out, "operator.forward")
+
+    def adjoint(self, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Apply H^T."""
+        return self._into(self.operator.adjoint(np.asarray(y, self.dtype)), self.in_shape, out, "operator.adjoint")
+
+    def gram_blocks(self) -> GramBlocks | GramBands | None:
+        """Return the operator's own H H^T, or None."""
+        if not isinstance(self.operator, KnowsGram):
+            return None
+        gram = self.operator.gram_blocks()
+        return gram if self.strength == 1 else gram.scaled(np.full(int(np.prod(self.out_shape)), 1 / self.strength))
+
+    def _into(self, value: Any, shape: tuple[int, ...], out: np.ndarray | None, field: str) -> np.ndarray:
+        array = np.asarray(value)
+        if array.shape != shape or np.iscomplexobj(array):
+            raise InputError(field, (array.shape, str(array.dtype)), f"a real array of shape {shape}")
+        result = np.empty(shape, self.dtype) if out is None else out
+        np.divide(array, self.strength, out=result, casting="same_kind")
+        return result
+
+
+def adapted(operator: Any) -> LinearOperator:
+    """Return the operator itself where it is one of this package's, else ``Adapted``."""
+    if isinstance(operator, CodedAperture | FieldAperture | Adapted):
+        return operator
+    if isinstance(operator, RowWeighted):
+        inner = adapted(operator.operator)
+        return operator if inner is operator.operator else RowWeighted(inner, operator.weights)
+    return Adapted(operator)
+
+
+def _shape(field: str, value: Any) -> tuple[int, ...]:
+    try:
+        sides = tuple(int(side) for side in value)
+    except (TypeError, ValueError):
+        raise InputError(field, value, "a tuple of integers of at least 1") from None
+    if not sides or min(sides) < 1:
+        raise InputError(field, sides, "a tuple of integers of at least 1")
+    return sides
