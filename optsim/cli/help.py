@@ -64,6 +64,32 @@ estimate, in mirrors or in bands, is averaged first.
 
 Example: `optsim score estimate.nc cube.nc --json`
 """,
+    "import": """Bring in a cube as others keep them.
+
+ENVI, MATLAB v5 to v7.3 (ICVL, ARAD, KAIST, TSA), folders of PNG (CAVE), spectral EXR, .npy, HDF5, netCDF.
+
+The file is decoded in a child process with limits: a damaged or hostile one is refused, never run. What the file leaves open is stated.
+
+Example: `optsim import beads_ms -o beads.nc` (a folder of the CAVE set: `..._ms_01.png` to `..._ms_31.png`)
+
+Example: `optsim import scene01.mat --wavelengths tsa-453.5 -o scene01.nc`
+
+Example: `optsim import cube.npy --axes wavelength,y,x --wavelengths 400:700:31 -o cube.nc`
+""",
+    "import-measurement": """Bring in a measurement that optsim did not make: frames, mask, and where each band falls.
+
+Shifts are whole or broken pixels of either sign. The result is a frames file for `optsim reconstruct` (docs/measurement.md).
+
+Example: `optsim import-measurement scene1.mat --mask mask.mat --shifts 2 --wavelengths tsa-453.5 -o frames.nc`
+
+Example: `optsim import-measurement frame.png --mask mask.png --shifts 0,0.9,2.1 --wavelengths 500,550,610 -o frames.nc`
+""",
+    "export": """Write a measurement for solvers that are not optsim's.
+
+`--layout tsa`: the MATLAB files that learned solvers of the KAIST / TSA benchmark read (mask.mat, mask_3d_shift.mat, Measurements, Truth).
+
+Example: `optsim export frames.nc --layout tsa --truth cube.nc -o benchmark`
+""",
     "prism": """Study of a camera's prism, by default of the double Amici.
 
 Where light lands on the sensor, nm per pixel, band centres and edges, distance from the paper's table; smile over the field;

@@ -43,8 +43,9 @@ def read_pictures(
         if not names or names[0] not in arrays:
             raise InputError("variable", variable, f"a picture in {path.name}: {listed}")
         found = arrays[names[0]]
-        stated = tuple(axes) if axes is not None and len(axes) == len(found.shape) else None
-        order = stated or (("y", "x") if len(found.shape) == 2 else STACKS.get(source.format, ()))
+        order: tuple[str, ...] = ("y", "x") if len(found.shape) == 2 else STACKS.get(source.format, ())
+        if axes is not None and len(axes) == len(found.shape):
+            order = tuple(axes)
         if len(order) != len(found.shape) or len(set(order)) != len(order) or not {"y", "x"} <= set(order) <= {"shot", "channel", "y", "x"}:
             raise InputError("--axes", axes, f"out of shot, channel, y, x, one for each axis of {path.name}:{found.name} {found.shape}")
         values = reader.read(source, found)
