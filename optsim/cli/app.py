@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
+import warnings
 from collections.abc import Sequence
+from typing import TextIO
 
 import cyclopts
 
@@ -13,6 +16,9 @@ from optsim.cli.help import HELP, HELPS
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
+
+TRACEBACK = "OPTSIM_TRACEBACK"
+"""Environment variable: set, errors and warnings come with their place in the code."""
 
 VERBS = {
     "run": "optsim.cli.run:run",
@@ -42,7 +48,9 @@ def build() -> cyclopts.App:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one verb and leave with its exit code."""
+    """Run one verb and leave with its exit code; warnings are told as sentences."""
+    if not os.environ.get(TRACEBACK):
+        warnings.showwarning = _warn
     sys.exit(_code(list(sys.argv[1:] if arguments is None else arguments)))
 
 
@@ -65,9 +73,9 @@ def _code(arguments: list[str]) -> int:
         if not _is_input_error(error):
             import traceback
 
-            if os.environ.get("OPTSIM_TRACEBACK"):
+            if os.environ.get(TRACEBACK):
                 traceback.print_exc()
-            _complain(f"{type(error).__name__}: {error}\n(set OPTSIM_TRACEBACK=1 for the place)")
+            _complain(f"{type(error).__name__}: {error}\n(set {TRACEBACK}=1 for the place)")
             return 1
         _complain(_describe(error))
         return 2
@@ -89,8 +97,28 @@ def _describe(error: Exception) -> str:
 
 
 def _usage(error: cyclopts.CycloptsError) -> str:
-    """Return cyclopts' sentence, without the exit code that its own printing would use."""
-    return f"{str(error).strip()}\n(optsim --help lists the verbs, optsim VERB --help its options)"
+    """Return what is wrong with the words, without the exit code that cyclopts' own printing would use."""
+    text = str(error).strip()
+    if isinstance(error, cyclopts.MissingArgumentError) and error.keyword is None:
+        text = _missing(error) or text
+    return f"{text}\n(optsim --help lists the verbs, optsim VERB --help its options)"
+
+
+def _missing(error: cyclopts.MissingArgumentError) -> str | None:
+    """Say what a verb needs, by the name that is typed (``-o`` before ``--output``); None where cyclopts says it better."""
+    if error.argument is None or not error.argument.required:
+        return None
+    short, *longer = sorted(error.argument.names, key=len)
+    names = f"{short} ({', '.join(longer)})" if longer else short
+    hint = re.search(" Did you mean .*", str(error))
+    return f"{' '.join(error.command_chain or ())} needs {names}: {error.argument.parameter.help}{hint.group() if hint else ''}"
+
+
+def _warn(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, file: TextIO | None = None, line: str | None = None
+) -> None:
+    """Print a warning without the place in the code that Python puts before it."""
+    print(f"optsim: warning: {message}", file=sys.stderr)
 
 
 def _complain(text: str) -> None:

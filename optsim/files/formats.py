@@ -36,12 +36,18 @@ def read_cube(path: Path | str) -> xr.Dataset:
     """Read a file and insist that it holds a valid radiance cube.
 
     Raises:
-        InputError: when it does not, naming what is wrong.
+        InputError: when it does not, naming the file and what is wrong.
     """
     from optsim.cube import check_cube
 
     cube = read(path)
-    check_cube(cube)
+    if "radiance" not in cube:
+        kind = "frames" if "frames" in cube else f"a file of {', '.join(sorted(map(str, cube.data_vars))) or 'nothing'}"
+        raise InputError(str(path), kind, "a cube or an estimate (with a variable radiance)")
+    try:
+        check_cube(cube)
+    except InputError as error:
+        raise InputError(f"{path}: {error.field}", error.value, error.allowed) from None
     return cube
 
 
