@@ -39,6 +39,7 @@ SCENES: tuple[SceneRecipe, ...] = (
     Bricks(),
     Cornell(),
     Glass(),
+    Glass(name="glass-dispersive", index=1.78472, abbe=25.68),  # SF11
     Metamers(),
     TexturedBoard(),
     DimBright(),

@@ -55,7 +55,8 @@ class Glass(Model):
             materials=chart.materials() | own,
             lights=self._lights(chart),
             viewpoint=Perspective(origin=(0.0, -0.48, 0.47), target=(0.0, -0.01, 0.01), up=(0, 0, 1), fov_deg=25),
-            description="A glass ball and a glass prism over the colour checker: refraction and, with an Abbe number, dispersion.",
+            description="A glass ball and a glass prism over the colour checker: refraction and caustics, "
+            + ("without dispersion." if self.abbe is None else f"and colours fanned out (Abbe number {self.abbe:g})."),
         )
 
     def _glasses(self) -> tuple[Shape, ...]:

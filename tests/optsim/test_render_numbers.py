@@ -9,7 +9,6 @@ from optsim.render import RenderSettings, render
 from optsim.render import passes as passes_module
 from scenes.catalogue import SCENES, scene_by_name
 from scenes.color_checker import ColorChecker
-from scenes.glass import Glass
 from scenes.library import illuminant, reflectance, reflectances
 from scenes.scene import (
     AreaLight,
@@ -287,7 +286,7 @@ def test_R15_no_spectrum_reaches_mitsuba_as_a_bare_number_or_as_rgb(monkeypatch,
     assert set(found) <= {"uniform", "regular", "irregular"}
 
 
-@pytest.mark.parametrize("recipe", [*SCENES, Glass(abbe=30)], ids=lambda r: f"{r.name}{'-dispersive' if getattr(r, 'abbe', None) else ''}")
+@pytest.mark.parametrize("recipe", SCENES, ids=lambda r: r.name)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_every_scene_that_comes_along_renders_to_light_somewhere_and_nothing_below_zero(recipe):
     cube = render(recipe.build(), BANDS, (6, 8), RenderSettings(samples_per_pixel=16))

@@ -138,7 +138,7 @@ def test_the_light_falls_by_10_to_20_percent_across_the_board():
 def test_every_scene_is_found_by_its_name_and_an_unknown_one_is_answered_with_the_nearest():
     names = [recipe.name for recipe in scenes.SCENES]
     assert names[:3] == ["color-checker", "color-checker-bars", "relief"]
-    assert {*names[3:]} == {"bricks", "cornell", "glass", "metamers", "textured", "dim-bright", "procedural-0"}
+    assert {*names[3:]} == {"bricks", "cornell", "glass", "glass-dispersive", "metamers", "textured", "dim-bright", "procedural-0"}
     for recipe in scenes.SCENES:
         assert scenes.scene_by_name(recipe.name) is recipe
         assert recipe.build().name == recipe.name
