@@ -7,6 +7,7 @@ much memory and time as that needs.
 from __future__ import annotations
 
 import os
+import re
 import stat
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -31,6 +32,8 @@ PATIENCE_S = 4.0
 """Wall seconds for each of the two requests, beyond a second for each 20 MB declared."""
 BYTES_PER_S = 20e6
 CPU_S = 30
+HANDLE = re.compile(r"'/dev/fd/\d+'|<_io\.BufferedReader name=\d+>")
+"""How a decoder names what it was given."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,8 @@ class Reader:
             inner, value, allowed = (str(part)[:500] for part in answer["refused"])
             raise InputError(f"{source.name}:{inner}", value, allowed)
         if "failed" in answer:
-            raise InputError(field, str(answer["failed"])[:500], f"readable as {source.title}")
+            said = HANDLE.sub("the file", str(answer["failed"])[:500])
+            raise InputError(field, said, f"readable as {source.title}")
         return answer
 
     def _ended(self, child: ChildProcess, source: Source, field: str, error: Exception) -> InputError:

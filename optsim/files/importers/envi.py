@@ -85,9 +85,9 @@ def _layout(header: dict[str, str]) -> tuple[tuple[int, ...], np.dtype, int]:
         raise InputError("data type", kind, f"one of {', '.join(map(str, TYPES))} (real numbers)")
     if order not in ORDER:
         raise InputError("byte order", order, "0 or 1")
-    for axis, count in size.items():
+    for key, count in zip(("lines", "samples", "bands"), size.values()):
         if not 1 <= count <= 2**31:
-            raise InputError(axis, count, "from 1 to 2^31")
+            raise InputError(key, count, "from 1 to 2^31")
     start = _whole(header, "header offset", 0)
     if not 0 <= start <= 2**40:
         raise InputError("header offset", start, "from 0 to 2^40 bytes")
@@ -106,7 +106,7 @@ def _whole(header: dict[str, str], key: str, default: int | None = None) -> int:
     if text is None and default is not None:
         return default
     if text is None or not re.fullmatch(r"[+-]?\d{1,18}", text):
-        raise InputError(key, text, "a whole number")
+        raise InputError(key, "nothing" if text is None else text, "a whole number")
     return int(text)
 
 
