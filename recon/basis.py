@@ -1,15 +1,16 @@
-"""Orthonormal bases in which a cube is sparse: a 2-D wavelet along the picture times a DCT along wavelength."""
+"""Orthonormal bases in which a cube is sparse: a 2-D wavelet along the picture times a basis along wavelength."""
 
 from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, PositiveInt, field_validator
 
 from recon import threads
 from recon.coded_aperture import empty_cube
 from recon.config import Config
 from recon.errors import InputError
+from recon.spectral_basis import Cosine, cosine_matrix, turn, turn_and_shrink
 
 DEFAULT_WAVELET = "db2"
 DEFAULT_LEVEL = 5
@@ -29,14 +30,18 @@ class Basis(Protocol):
 
 
 class Kronecker(Config):
-    """Psi = (orthogonal 2-D wavelet, periodised) Kronecker (orthonormal DCT-II along wavelength); theory.md (S.6).
+    """Psi = (orthogonal 2-D wavelet, periodised) Kronecker (orthonormal basis along wavelength); theory.md (S.6), (S.63).
 
-    Coefficients have the cube's logical shape (M, N, K): wavelet coefficients packed as ``pywt.coeffs_to_array`` packs
-    them, DCT order along the last axis. Arrays keep band-major memory; float32 stays float32.
+    Coefficients are packed as ``pywt.coeffs_to_array`` packs them, spectral coefficients along the last axis. Arrays
+    keep band-major memory; float32 stays float32. Where ``picture`` is set, cubes of those sides are continued by zeros to
+    ``theta_shape``, the next sides that can be halved, and cut again by ``synthesis``: Psi Psi^T = I on the cube. Cubes
+    that have the longer sides already are transformed as they are.
 
     Args:
         wavelet: an orthogonal family of PyWavelets: haar, dbN, symN, coifN.
-        level: how often the picture is halved; both sides must be divisible by 2^level. 0: no wavelet.
+        level: how often the picture is halved; both sides must be divisible by 2^level, or be ``picture``'s. 0: no wavelet.
+        spectral: the basis along wavelength: ``Cosine()`` or ``Learned``.
+        picture: rows and columns of the cubes that are to be padded; ``for_shape`` sets it when needed.
 
     Raises:
         InputError: ``basis.wavelet`` for an unknown or not orthogonal wavelet; ``basis.level`` with the largest valid level
@@ -45,6 +50,8 @@ class Kronecker(Config):
 
     wavelet: str = DEFAULT_WAVELET
     level: int = Field(default=DEFAULT_LEVEL, ge=0, le=30)
+    spectral: Any = Cosine()
+    picture: tuple[PositiveInt, PositiveInt] | None = None
 
     @field_validator("wavelet")
     @classmethod
@@ -52,45 +59,106 @@ class Kronecker(Config):
         _filters(name)
         return name
 
+    @field_validator("spectral")
     @classmethod
-    def for_shape(cls, shape: tuple[int, ...], wavelet: str = DEFAULT_WAVELET, level: int = DEFAULT_LEVEL) -> "Kronecker":
-        """Return the basis with ``level`` or the deepest level that the sides of ``shape`` (M, N, K) allow."""
-        return cls(wavelet=wavelet, level=min(level, largest_level(shape)))
+    def _is_spectral(cls, spectral: Any) -> Any:
+        if not callable(getattr(spectral, "matrix", None)):
+            raise InputError("basis.spectral", spectral, "a basis along wavelength: recon.Cosine() or recon.learned(samples)")
+        return spectral
+
+    @classmethod
+    def for_shape(
+        cls, shape: tuple[int, ...], wavelet: str = DEFAULT_WAVELET, level: int = DEFAULT_LEVEL, spectral: Any = None
+    ) -> "Kronecker":
+        """Return the basis of full depth for cubes of ``shape`` (M, N, K), padded where their sides ask for it.
+
+        ``level`` is lowered only for pictures with a side shorter than 2^level.
+        """
+        depth = min(level, max(largest_level(shape), min(shape[:2]).bit_length() - 1))
+        picture = None if largest_level(shape) >= depth else (int(shape[0]), int(shape[1]))
+        return cls(wavelet=wavelet, level=depth, spectral=Cosine() if spectral is None else spectral, picture=picture)
+
+    def theta_shape(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the shape of the coefficients of cubes of this shape (M, N, K): longer than the cube where it is padded."""
+        if tuple(shape[:2]) != self.picture:
+            return tuple(shape)
+        step = 2**self.level
+        return (-(-shape[0] // step) * step, -(-shape[1] // step) * step, *shape[2:])
 
     def require(self, shape: tuple[int, ...]) -> None:
-        """Refuse a cube shape (M, N, K) that cannot be halved ``level`` times."""
-        deepest = largest_level(shape)
+        """Refuse a cube shape (M, N, K) that cannot be halved ``level`` times and is not to be padded."""
+        deepest = largest_level(self.theta_shape(shape))
         if self.level > deepest:
             raise InputError(
-                "basis.level", self.level, f"at most {deepest} for a {shape[0]} x {shape[1]} picture (sides divisible by 2^level)"
+                "basis.level",
+                self.level,
+                f"at most {deepest} for a {shape[0]} x {shape[1]} picture (sides divisible by 2^level); Kronecker.for_shape pads",
             )
 
     def analysis(self, cube: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Return theta = Psi^T f for a cube (M, N, K)."""
-        source, target = self._arrays(cube, out)
+        source, target = self._arrays(self._padded(cube), out)
         self._wavelet(source, target, forward=True)
-        _cosine(target, analyse=True, synthesise=False)
+        self._spectral(target, analyse=True, synthesise=False)
         return target.transpose(1, 2, 0)
 
     def synthesis(self, theta: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """Return f = Psi theta for coefficients (M, N, K)."""
-        source, target = self._arrays(theta, out)
+        """Return f = Psi theta for coefficients (M, N, K); cut to ``picture``, unless ``out`` has the coefficients' shape."""
+        cut = self._cut_of(theta, out)
+        source, target = self._arrays(theta, None if cut else out)
         if target is not source:
             target[...] = source
-        _cosine(target, analyse=False, synthesise=True)
+        self._spectral(target, analyse=False, synthesise=True)
         self._wavelet(target, target, forward=False)
-        return target.transpose(1, 2, 0)
+        whole = target.transpose(1, 2, 0)
+        if not cut:
+            return whole
+        result = empty_cube((*cut, whole.shape[2]), whole.dtype) if out is None else out
+        result[...] = whole[: cut[0], : cut[1]]
+        return result
 
-    def shrink(self, cube: np.ndarray, threshold: float) -> float:
-        """Replace a band-major cube by ``Psi soft(Psi^T f, threshold)`` in place and return ``||soft(...)||_1``.
+    def shrink(self, cube: np.ndarray, threshold: float, weights: np.ndarray | None = None) -> float:
+        """Replace a band-major cube by ``Psi soft(Psi^T f, threshold weights)`` in place; return the weighted l1 norm of what is left.
 
-        The coefficients never go to memory between the two spectral transforms.
+        The cube has the coefficients' shape (``theta_shape``). The coefficients never go to memory between the two spectral transforms.
+
+        Args:
+            cube: (M, N, K), a view of band-major memory.
+            threshold: at least 0.
+            weights: (K,) one a spectral coefficient; None: all 1.
         """
         _, target = self._arrays(cube, cube)
         self._wavelet(target, target, forward=True)
-        total = _cosine(target, analyse=True, synthesise=True, threshold=threshold)
+        total = self._spectral(target, analyse=True, synthesise=True, threshold=threshold, weights=weights)
         self._wavelet(target, target, forward=False)
         return total
+
+    def _padded(self, cube: np.ndarray) -> np.ndarray:
+        array = np.asarray(cube)
+        if array.ndim != 3 or self.theta_shape(array.shape) == array.shape:
+            return array
+        whole = empty_cube(self.theta_shape(array.shape), array.dtype if array.dtype == np.float32 else np.float64)
+        whole[...] = 0
+        whole[: array.shape[0], : array.shape[1]] = array
+        return whole
+
+    def _cut_of(self, theta: np.ndarray, out: np.ndarray | None) -> tuple[int, int] | None:
+        """Return the sides to cut a synthesis to, if any."""
+        if self.picture is None or np.ndim(theta) != 3 or np.shape(theta) != self.theta_shape((*self.picture, np.shape(theta)[2])):
+            return None
+        return self.picture if out is None or out.shape[:2] == self.picture else None
+
+    def _spectral(
+        self, cube: np.ndarray, *, analyse: bool, synthesise: bool, threshold: float = -1.0, weights: np.ndarray | None = None
+    ) -> float:
+        """Transform a band-major cube (K, M, N) along wavelength in place, thresholding between the two transforms."""
+        if isinstance(self.spectral, Cosine) and weights is None:
+            return _cosine(cube, analyse=analyse, synthesise=synthesise, threshold=threshold)
+        matrix = self.spectral.matrix(cube.shape[0], cube.dtype)
+        if analyse and synthesise:
+            return turn_and_shrink(matrix, cube, threshold * (np.ones(len(matrix)) if weights is None else np.asarray(weights)), threshold)
+        turn(matrix if analyse else np.ascontiguousarray(matrix.T), cube, cube)
+        return 0.0
 
     def _wavelet(self, source: np.ndarray, target: np.ndarray, *, forward: bool) -> None:
         from recon import wavelet_kernels as kernels
@@ -153,15 +221,6 @@ def interleaved_pair(name: str, dtype: Any) -> tuple[np.ndarray, int]:
     """Return the synthesis filters as even and odd phase (2, taps), low and high interleaved, and the true length."""
     pair, length = filter_pair(name, dtype)
     return np.stack([pair[:, 0::2].T.ravel(), pair[:, 1::2].T.ravel()]), length
-
-
-@lru_cache(maxsize=64)
-def cosine_matrix(bands: int, dtype: Any) -> np.ndarray:
-    """Return the orthonormal DCT-II matrix (K, K): row q is the q-th cosine (theory.md (S.7))."""
-    q, k = np.ogrid[:bands, :bands]
-    matrix = np.sqrt(2 / bands) * np.cos(np.pi * (2 * k + 1) * q / (2 * bands))
-    matrix[0] = np.sqrt(1 / bands)
-    return matrix.astype(dtype)
 
 
 def _cosine(cube: np.ndarray, *, analyse: bool, synthesise: bool, threshold: float = -1.0) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from pydantic import Field
 
-from recon.basis import Basis
+from recon.basis import Basis, Kronecker
 from recon.coded_aperture import empty_cube
 from recon.config import Config
 from recon.errors import InputError
@@ -176,9 +176,9 @@ class FlatModel:
 
     def __init__(self, operator: LinearOperator, basis: Basis) -> None:
         self.operator, self.basis = operator, basis
-        self.shape = tuple(operator.in_shape)
+        self.shape = basis.theta_shape(operator.in_shape) if isinstance(basis, Kronecker) else tuple(operator.in_shape)
         self.size = int(np.prod(self.shape))
-        self._cube = empty_cube(self.shape, operator.dtype)
+        self._cube = empty_cube(tuple(operator.in_shape), operator.dtype)
 
     def forward(self, theta: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Apply A to (Q,) coefficients."""

@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import field_validator
 
 from recon.basis import Basis, Kronecker
+from recon.coded_aperture import empty_cube
 from recon.config import Config
 from recon.errors import InputError
 
@@ -58,7 +59,7 @@ class GroupL1(Config):
 
     def bind(self, shape: tuple[int, ...], dtype: Any) -> "GroupPenalty":
         """See ``Prior.bind``."""
-        return GroupPenalty(basis_for(self.basis, shape))
+        return GroupPenalty(basis_for(self.basis, shape), shape, dtype)
 
 
 class L1Penalty:
@@ -69,6 +70,7 @@ class L1Penalty:
             raise InputError("L1.weights", len(weights), f"as many numbers as bands, {shape[2]}")
         self.basis = basis
         self._weights = None if weights is None else np.array(weights, dtype)
+        self._margin = Margin(basis, shape, dtype)
 
     @property
     def weighted(self) -> bool:
@@ -82,43 +84,81 @@ class L1Penalty:
 
     def value(self, cube: np.ndarray) -> float:
         """See ``Penalty.value``."""
-        size = np.abs(self.basis.analysis(cube))
+        size = np.abs(self.basis.analysis(self._margin.around(cube)))
         return float((size if self._weights is None else size * self._weights).sum(dtype=np.float64))
 
     def shrink(self, cube: np.ndarray, threshold: float) -> float:
         """See ``Penalty.shrink``."""
-        if self._weights is None and isinstance(self.basis, Kronecker):
-            return self.basis.shrink(cube, threshold)
-        theta = self.basis.analysis(cube)
+        whole = self._margin.around(cube)
+        value = self._shrink(whole, threshold)
+        self._margin.cut(cube)
+        return value
+
+    def _shrink(self, whole: np.ndarray, threshold: float) -> float:
+        if isinstance(self.basis, Kronecker):
+            return self.basis.shrink(whole, threshold, self._weights)
+        theta = self.basis.analysis(whole)
         weights = theta.dtype.type(1) if self._weights is None else self._weights
         limit = theta.dtype.type(threshold) * weights
         theta -= np.clip(theta, -limit, limit)
-        cube[...] = self.basis.synthesis(theta)
+        whole[...] = self.basis.synthesis(theta)
         return float((np.abs(theta) * weights).sum(dtype=np.float64))
 
 
 class GroupPenalty:
     """The group norm bound to one solve."""
 
-    def __init__(self, basis: Basis) -> None:
+    def __init__(self, basis: Basis, shape: tuple[int, ...], dtype: Any) -> None:
         self.basis = basis
+        self._margin = Margin(basis, shape, dtype)
 
     def value(self, cube: np.ndarray) -> float:
         """See ``Penalty.value``."""
-        return float(_lengths(self.basis.analysis(cube)).sum(dtype=np.float64))
+        return float(_lengths(self.basis.analysis(self._margin.around(cube))).sum(dtype=np.float64))
 
     def shrink(self, cube: np.ndarray, threshold: float) -> float:
         """See ``Penalty.shrink``."""
-        theta = self.basis.analysis(cube)
+        whole = self._margin.around(cube)
+        theta = self.basis.analysis(whole)
         length = _lengths(theta)
         kept = np.maximum(length - theta.dtype.type(threshold), 0)
         theta *= np.divide(kept, length, out=np.zeros_like(length), where=length > 0)[:, :, None]
-        cube[...] = self.basis.synthesis(theta)
+        self.basis.synthesis(theta, whole)
+        self._margin.cut(cube)
         return float(kept.sum(dtype=np.float64))
 
     def tau_max(self, correlation: np.ndarray) -> float:
         """Return twice the largest length of a group of ``Psi^T H^T g``."""
         return 2 * float(_lengths(self.basis.analysis(correlation)).max())
+
+
+class Margin:
+    """What a padded basis has around the cube: unknowns of the prior alone, kept from one call to the next (theory.md (S.63)).
+
+    Args:
+        basis: Psi; one that pads has ``theta_shape``.
+        shape: (M, N, K) of the cubes.
+        dtype: float32 or float64.
+    """
+
+    def __init__(self, basis: Basis, shape: tuple[int, ...], dtype: Any) -> None:
+        longer = basis.theta_shape(shape) if isinstance(basis, Kronecker) else tuple(shape)
+        self._whole: np.ndarray | None = None
+        if longer != tuple(shape):
+            self._whole = empty_cube(longer, dtype)
+            self._whole[...] = 0
+
+    def around(self, cube: np.ndarray) -> np.ndarray:
+        """Return the cube with its margin: itself where there is none."""
+        if self._whole is None:
+            return cube
+        self._whole[: cube.shape[0], : cube.shape[1]] = cube
+        return self._whole
+
+    def cut(self, cube: np.ndarray) -> None:
+        """Copy what ``around`` gave back to the cube."""
+        if self._whole is not None:
+            cube[...] = self._whole[: cube.shape[0], : cube.shape[1]]
 
 
 def checked_basis(field: str, basis: Any) -> Any:

@@ -8,9 +8,7 @@ from pydantic import Field, field_validator
 from recon import threads
 from recon.config import Config
 from recon.errors import InputError
-from recon.spectral_basis import Cosine
-
-PIXELS_AT_ONCE = 4096
+from recon.spectral_basis import Cosine, turn
 
 
 class TotalVariation(Config):
@@ -107,7 +105,7 @@ class TvPenalty:
 
         pictures = np.ascontiguousarray(cube.transpose(2, 0, 1), self._dual.dtype)
         if self._matrix is not None:
-            _multiply(self._matrix, pictures, self._kept())
+            turn(self._matrix, pictures, self._kept())
             pictures = self._kept()
         sums = np.zeros(len(pictures))
         threads.run(kernels.weigh_pictures, len(pictures), pictures, sums)
@@ -118,9 +116,9 @@ class TvPenalty:
         bands = cube.transpose(2, 0, 1)
         if self._matrix is None:
             return self._denoise(bands, threshold)
-        _multiply(self._matrix, bands, self._kept())
+        turn(self._matrix, bands, self._kept())
         total = self._denoise(self._kept(), threshold)
-        _multiply(np.ascontiguousarray(self._matrix.T), self._kept(), bands)
+        turn(np.ascontiguousarray(self._matrix.T), self._kept(), bands)
         return total
 
     def tau_max(self, correlation: np.ndarray) -> float | None:
@@ -137,16 +135,3 @@ class TvPenalty:
         limits = (threshold * self._weights).astype(pictures.dtype)
         threads.run(kernels.denoise_pictures, len(pictures), pictures, limits, self._dual, self._sweeps, self._accuracy, self._sums)
         return float(self._weights @ self._sums[:, 0])
-
-
-def _multiply(matrix: Any, source: np.ndarray, target: np.ndarray) -> None:
-    """Set ``target[i] = sum_k matrix[i, k] source[k]``, pixel by pixel; the slabs don't depend on the number of threads."""
-    x, out = source.reshape(source.shape[0], -1), target.reshape(target.shape[0], -1)
-    slabs = -(-x.shape[1] // PIXELS_AT_ONCE)
-
-    def part(first: int, last: int) -> None:
-        for slab in range(first, last):
-            chosen = slice(slab * PIXELS_AT_ONCE, (slab + 1) * PIXELS_AT_ONCE)
-            out[:, chosen] = matrix @ x[:, chosen]
-
-    threads.run(part, slabs)

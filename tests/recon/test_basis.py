@@ -7,11 +7,12 @@ import pytest
 import pywt
 import scipy.fft
 
-from recon import threads
-from recon.basis import DEFAULT_LEVEL, Kronecker, cosine_matrix, largest_level
+from recon import Admm, BasisPursuit, Gpsr, reconstruct, threads
+from recon.basis import DEFAULT_LEVEL, Kronecker, largest_level
 from recon.coded_aperture import empty_cube
 from recon.errors import InputError
 from recon.l1 import L1
+from recon.spectral_basis import Cosine, cosine_matrix, learned
 
 SHAPES = [((16, 32, 5), 3), ((8, 8, 24), 3), ((6, 5, 4), 0), ((64, 64, 1), 5), ((40, 24, 7), 2)]
 
@@ -58,7 +59,6 @@ def test_X12_sizes_that_cannot_be_halved_name_the_largest_valid_level():
         with pytest.raises(InputError, match=rf"^basis\.level: must be at most {deepest} "):
             Kronecker(level=level).analysis(np.zeros(shape))
         assert largest_level(shape) == deepest
-        assert Kronecker.for_shape(shape).level == min(deepest, DEFAULT_LEVEL)
     with pytest.raises(InputError, match=r"^Kronecker\.level"):
         Kronecker(level=-1)
 
@@ -109,3 +109,86 @@ def test_given_outputs_must_be_band_major():
         Kronecker(level=1).analysis(np.zeros((4, 4, 3)), np.zeros((4, 4, 3)))
     with pytest.raises(InputError, match=r"^cube: must be"):
         Kronecker(level=1).analysis(np.zeros((4, 4)))
+
+
+PADDED = [((250, 254, 2), 5, (256, 256, 2)), ((15, 15, 3), 3, (16, 16, 3)), ((33, 64, 4), 5, (64, 64, 4)), ((1, 7, 2), 0, (1, 7, 2))]
+
+
+@pytest.mark.parametrize(("shape", "level", "longer"), PADDED)
+def test_X12_odd_sizes_get_full_depth_by_padding_inside_psi_only(shape, level, longer):
+    basis = Kronecker.for_shape(shape)
+    assert basis.level == level
+    assert basis.theta_shape(shape) == longer
+    draw = np.random.Generator(np.random.Philox(6))
+    cube, theta = draw.standard_normal(shape), draw.standard_normal(longer)
+    found = basis.analysis(cube)
+    assert found.shape == longer
+    np.testing.assert_allclose(basis.synthesis(found), cube, atol=1e-11)  # Psi Psi^T = I on the cube
+    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(cube), rel=1e-12)
+    gap = np.vdot(found, theta) - np.vdot(cube, basis.synthesis(theta))
+    assert abs(gap) < 1e-12 * np.linalg.norm(cube) * np.linalg.norm(theta)
+
+
+def test_X12_the_padded_transform_is_that_of_the_cube_continued_by_zeros():
+    cube = np.random.Generator(np.random.Philox(7)).standard_normal((13, 10, 3))
+    basis = Kronecker.for_shape(cube.shape)
+    whole = np.zeros((16, 16, 3))
+    whole[:13, :10] = cube
+    np.testing.assert_allclose(basis.analysis(cube), judge(whole, "db2", 3), atol=1e-12)
+    np.testing.assert_allclose(basis.analysis(whole), judge(whole, "db2", 3), atol=1e-12)  # the longer cube: as it is
+    out = empty_cube(whole.shape, np.float64)
+    np.testing.assert_allclose(basis.synthesis(basis.analysis(whole), out), whole, atol=1e-12)
+
+
+def test_sides_that_can_be_halved_are_not_padded():
+    for shape, level in (((64, 96, 2), DEFAULT_LEVEL), ((32, 32, 2), 5), ((16, 48, 2), 4), ((8, 8, 1), 3)):
+        basis = Kronecker.for_shape(shape)
+        assert (basis.level, basis.picture, basis.theta_shape(shape)) == (level, None, shape)
+
+
+@pytest.mark.parametrize("bands", [1, 5, 24])
+def test_a_learned_spectral_basis_takes_the_place_of_the_cosines(bands):
+    draw = np.random.Generator(np.random.Philox(8))
+    spectral = learned(draw.random((9, bands)))
+    basis = Kronecker(wavelet="db2", level=3, spectral=spectral)
+    cube = draw.standard_normal((16, 24, bands))
+    plain = scipy.fft.idct(judge(cube, "db2", 3), axis=2, norm="ortho")  # wavelet alone
+    theta = basis.analysis(cube)
+    np.testing.assert_allclose(theta, plain @ spectral.matrix(bands, np.float64).T, atol=1e-12)
+    np.testing.assert_allclose(basis.synthesis(theta), cube, atol=1e-12)
+
+
+@pytest.mark.parametrize("spectral", [Cosine(), learned(np.random.Generator(np.random.Philox(9)).random((9, 6)))])
+def test_weights_scale_the_threshold_of_each_spectral_coefficient(spectral):
+    basis = Kronecker(wavelet="db2", level=2, spectral=spectral)
+    cube = empty_cube((24, 16, 6), np.float64)
+    cube[...] = np.random.Generator(np.random.Philox(4)).standard_normal(cube.shape)
+    weights = np.array([1.0, 1.5, 2, 2.5, 0.5, 9])
+    theta = basis.analysis(cube)
+    soft = np.sign(theta) * np.maximum(np.abs(theta) - 0.2 * weights, 0)
+    assert basis.shrink(cube, 0.2, weights) == pytest.approx(np.abs(soft * weights).sum(), rel=1e-12)
+    np.testing.assert_allclose(cube, basis.synthesis(soft), atol=1e-12)
+
+
+def test_a_spectral_basis_needs_a_matrix():
+    with pytest.raises(InputError, match=r"^basis\.spectral: must be"):
+        Kronecker(spectral="dct")
+
+
+def test_X12_basis_pursuit_and_gpsr_and_admm_take_odd_sizes(camera_of, cube_of):
+    camera = camera_of("mono", 3, 31, 4)
+    operator = camera.replace(masks=camera.masks[:, :27], mosaic=None)
+    truth = cube_of(31, 4)[:27]
+    frames = operator.forward(truth)
+    exact = reconstruct(operator, frames, solver=BasisPursuit(tolerance=1e-5, max_iterations=2000))
+    assert exact.cube.shape == truth.shape
+    assert exact.residual < 1e-5
+    prior = L1(basis=Kronecker.for_shape(truth.shape, wavelet="haar"))
+    tau = 1e-2
+    last = {}
+    for solver in (Admm(tolerance=1e-7, max_iterations=4000), Gpsr(tolerance=1e-9, max_iterations=20000)):
+        name = type(solver).__name__
+        reconstruct(
+            operator, frames, prior=prior, tau=tau, solver=solver, on_iteration=lambda i, value, name=name: last.update({name: value})
+        )
+    assert last["Admm"] == pytest.approx(last["Gpsr"], rel=1e-5)

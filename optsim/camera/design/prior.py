@@ -38,13 +38,13 @@ class GaussianPrior:
 
         Args:
             cubes: at least one, none of them dark.
-            basis: Psi; None: the default basis of reconstructions of this size.
+            basis: Psi, not padded; None: the default wavelet, as deep as the sides allow.
         """
-        from recon.basis import Kronecker
+        from recon.basis import DEFAULT_LEVEL, Kronecker, largest_level
 
         if not cubes or any(not np.any(c) for c in cubes) or len({c.shape for c in cubes}) > 1:
             raise InputError("cubes", len(cubes), "at least one training cube, all of one shape and none dark")
-        basis = Kronecker.for_shape(cubes[0].shape) if basis is None else basis
+        basis = Kronecker(level=min(DEFAULT_LEVEL, largest_level(cubes[0].shape))) if basis is None else basis
         label = subbands(cubes[0].shape[:2], basis.level)
         variance = np.zeros(cubes[0].shape)
         for cube in cubes:
