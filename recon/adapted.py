@@ -7,7 +7,7 @@ import numpy as np
 from recon.coded_aperture import CodedAperture
 from recon.errors import InputError
 from recon.field_aperture import FieldAperture
-from recon.gram import GramBands, GramBlocks, KnowsGram
+from recon.gram import GramBands, GramBlocks, KnowsGram, checked_gram
 from recon.operator import LinearOperator, RowWeighted
 
 PARTS = ("in_shape", "out_shape", "forward", "adjoint")
@@ -56,6 +56,18 @@ class Adapted:
         inner.strength = self.strength * size
         return inner, size
 
+    def notes(self) -> tuple[str, ...]:
+        """Compare ``|H x|^2`` with ``<x, H^T H x>`` for one x, and say so when they differ by more than a thousandth."""
+        inner, _ = self.normalised()
+        x = np.random.Generator(np.random.Philox(1)).standard_normal(self.in_shape).astype(self.dtype)
+        seen = inner.forward(x)
+        square, turned = float(np.vdot(seen, seen)), float(np.vdot(x, inner.adjoint(seen)))
+        if abs(turned - square) <= 1e-3 * square:
+            return ()
+        return (
+            f"adjoint is not the transpose of forward: <x, H^T H x> / |H x|^2 = {turned / square:.6g}, must be 1; the answer is unsafe",
+        )
+
     def astype(self, dtype: Any) -> "Adapted":
         """Return the same operator giving another type."""
         other = Adapted(self.operator, dtype)
@@ -74,8 +86,8 @@ class Adapted:
         """Return the operator's own H H^T, or None."""
         if not isinstance(self.operator, KnowsGram):
             return None
-        gram = self.operator.gram_blocks()
-        return gram if self.strength == 1 else gram.scaled(np.full(int(np.prod(self.out_shape)), 1 / self.strength))
+        gram = checked_gram(self.operator.gram_blocks(), self.out_shape)
+        return gram if gram is None or self.strength == 1 else gram.scaled(np.full(int(np.prod(self.out_shape)), 1 / self.strength))
 
     def _into(self, value: Any, shape: tuple[int, ...], out: np.ndarray | None, field: str) -> np.ndarray:
         array = np.asarray(value)

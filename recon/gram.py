@@ -63,7 +63,7 @@ class GramBands:
         d = weights[self.index]
         bands = self.bands * d[:, :, None]
         for offset in range(bands.shape[2]):
-            bands[:, offset:, offset] *= d[:, : d.shape[1] - offset]
+            bands[:, offset:, offset] *= d[:, : max(0, d.shape[1] - offset)]
         return GramBands(self.index, bands)
 
     def inverse(self, rho: float) -> "BandInverse":
@@ -137,14 +137,16 @@ def known_gram(operator: LinearOperator) -> GramBlocks | GramBands | None:
     if isinstance(operator, RowWeighted):
         inner = known_gram(operator.operator)
         return None if inner is None else inner.scaled(operator.weights.reshape(-1).astype(np.float64))
-    if not isinstance(operator, KnowsGram):
-        return None
-    gram: Any = operator.gram_blocks()
+    return checked_gram(operator.gram_blocks(), operator.out_shape) if isinstance(operator, KnowsGram) else None
+
+
+def checked_gram(gram: Any, out_shape: tuple[int, ...]) -> GramBlocks | GramBands | None:
+    """Refuse what is no H H^T of frames of this shape; None passes."""
     if gram is None:
         return None
     if not isinstance(gram, GramBlocks | GramBands):
         raise InputError("gram_blocks", type(gram).__name__, "GramBlocks, GramBands or None")
-    gram.check(int(np.prod(operator.out_shape)))
+    gram.check(int(np.prod(out_shape)))
     return gram
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from recon import threads
 from recon.operator import LinearOperator
 
+LOST = 100
+"""Conjugate gradients end when the residual has grown to so many times its least."""
 Inverse = Callable[[np.ndarray], np.ndarray]
 """Solves ``(H H^T + rho I) y = right``, exactly or nearly."""
 
@@ -71,13 +73,15 @@ class OperatorStep:
 class ConjugateStep(OperatorStep):
     """The step of any operator, by conjugate gradients on ``(H H^T + rho I) y = g - H z``, each started from the last y.
 
+    Where H H^T is singular, rounding makes the residual grow again: the y of the least residual is kept.
+
     Args:
         operator: H.
         frames: g.
         rho: at least 0.
         near: an approximate inverse of ``H H^T + rho I`` that speeds it up (theory.md (S.43)); None: none.
         notes: passed on.
-        tolerance: of the residual, relative to the right side.
+        tolerance: of the residual, relative to the right side; None: 8 times the rounding error, in float64 1e-10.
         iterations: at most, a step.
         forcing: a relaxed step may also stop at this part of the residual that it began with: later steps take up the rest.
     """
@@ -89,13 +93,14 @@ class ConjugateStep(OperatorStep):
         rho: float,
         near: Inverse | None = None,
         notes: tuple[str, ...] = (),
-        tolerance: float = 1e-6,
-        iterations: int = 200,
-        forcing: float = 0.0,
+        tolerance: float | None = None,
+        iterations: int = 500,
+        forcing: float = 0.1,
     ) -> None:
         super().__init__(operator, frames, None, notes)
         self._rho, self._near = rho, near
-        self._tolerance, self._iterations, self._forcing = tolerance, iterations, forcing
+        self._tolerance = max(8 * float(np.finfo(operator.dtype).eps), 1e-10) if tolerance is None else tolerance
+        self._iterations, self._forcing = iterations, forcing
         self._y = np.zeros(operator.out_shape, operator.dtype)
 
     def solve(self, right: np.ndarray, iterating: bool) -> np.ndarray:
@@ -106,8 +111,12 @@ class ConjugateStep(OperatorStep):
         target = max(target, forcing**2 * float(np.vdot(left, left)))
         turned = left if self._near is None else self._near(left)
         direction, size = turned.copy(), float(np.vdot(left, turned))
+        best, least = y.copy(), float("inf")
         for _ in range(self._iterations):
-            if float(np.vdot(left, left)) <= target:
+            power = float(np.vdot(left, left))
+            if power < least:
+                best[...], least = y, power
+            if power <= target or power > LOST**2 * least:
                 break
             image = self._normal(direction)
             curvature = float(np.vdot(direction, image))
@@ -119,6 +128,8 @@ class ConjugateStep(OperatorStep):
             turned = left if self._near is None else self._near(left)
             size, before = float(np.vdot(left, turned)), size
             direction = turned + y.dtype.type(size / before) * direction
+        if float(np.vdot(left, left)) > least:
+            y[...] = best
         return y
 
     def _normal(self, y: np.ndarray) -> np.ndarray:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from recon import threads as pool
-from recon.adapted import adapted
+from recon.adapted import Adapted, adapted
 from recon.coded_aperture import CodedAperture, empty_cube
 from recon.errors import InputError
 from recon.field_aperture import FieldAperture
-from recon.operator import LinearOperator, Operator
+from recon.operator import LinearOperator, Operator, RowWeighted
 from recon.prior import Prior
 from recon.problem import Found, OnIteration, Problem, Solver, pose
 from recon.solution import Solution, Stop
@@ -175,6 +175,10 @@ def _scaled(cube: np.ndarray, unit: float) -> np.ndarray:
 
 
 def _notes(operator: LinearOperator) -> tuple[str, ...]:
+    if isinstance(operator, RowWeighted):
+        return _notes(operator.operator)
+    if isinstance(operator, Adapted):
+        return operator.notes()
     if not isinstance(operator, CodedAperture | FieldAperture):
         return ()
     shots, repeated = operator.out_shape[0], operator.repeated_shots()
