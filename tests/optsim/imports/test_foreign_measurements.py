@@ -134,15 +134,7 @@ def test_masks_and_frames_as_pictures_stacks_and_lists_are_brought_in(tmp_path):
     picture, out = str(tmp_path / "m.png"), str(tmp_path / "g.nc")
     scipy.io.savemat(tmp_path / "g.mat", {"y": frames[0], "junk": np.ones((3, 3))})
     reversed_words = ["--shifts", ",".join(map(str, shifts[::-1])), "--wavelengths", ",".join(map(str, NM[::-1]))]
-    words = [
-        "import-measurement",
-        str(tmp_path / "g.mat"),
-        "--mask",
-        str(tmp_path / "m.png"),
-        *reversed_words,
-        "-o",
-        str(tmp_path / "g.nc"),
-    ]
+    words = ["import-measurement", str(tmp_path / "g.mat"), "--mask", picture, *reversed_words, "-o", out]
     assert _code(words) == 0
     found = read(tmp_path / "g.nc")
     np.testing.assert_allclose(band_model_of(found).operator().forward(scene()), frames[:1, None], atol=1e-12)
