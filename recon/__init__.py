@@ -27,6 +27,7 @@ _HOME = {
     "Cosine": "spectral_basis",
     "Learned": "spectral_basis",
     "learned": "spectral_basis",
+    "Mixture": "mixture",
     "TotalVariation": "total_variation",
     "SpectralTotalVariation": "total_variation",
     "Prior": "prior",
