@@ -45,6 +45,18 @@ class Bundle(Protocol):
         """Return the largest value over all nodes."""
         ...
 
+    def mean(self, spectra: list[Any]) -> Any:
+        """Return the mean over all nodes."""
+        ...
+
+    def only(self, node: Any, group: int) -> Any:
+        """Return a group's spectrum that is 1 at one node of the table and 0 elsewhere."""
+        ...
+
+    def value(self, spectra: list[Any], node: Any) -> Any:
+        """Return the value at one node of the table."""
+        ...
+
 
 class AllNodes:
     """Carry all nodes of a table along one path, four to a spectrum."""
@@ -81,6 +93,24 @@ class AllNodes:
             most = dr.maximum(most, dr.max(more))
         return most
 
+    def mean(self, spectra: list[Any]) -> Any:
+        """Return the mean over all nodes, without the padding of the last group."""
+        total = mi.Float(0)
+        for value in self.split(spectra):
+            total += value
+        return total / self.nodes
+
+    def only(self, node: Any, group: int) -> Any:
+        """Return 1 at one node of the table and 0 elsewhere."""
+        return mi.Spectrum(*[dr.select(node == 4 * group + i, mi.Float(1), 0) for i in range(4)])
+
+    def value(self, spectra: list[Any], node: Any) -> Any:
+        """Return the value at one node of the table."""
+        found = mi.Float(0)
+        for n, value in enumerate(self.split(spectra)):
+            found = dr.select(node == n, value, found)
+        return found
+
 
 class OneNode:
     """Carry one node per path; the thread's lane is the number of the node in the table."""
@@ -109,5 +139,17 @@ class OneNode:
         return self.table.at_node(row, lane, active)
 
     def largest(self, spectra: list[Any]) -> Any:
+        """Return the one value."""
+        return spectra[0]
+
+    def mean(self, spectra: list[Any]) -> Any:
+        """Return the one value."""
+        return spectra[0]
+
+    def only(self, node: Any, group: int) -> Any:
+        """Return 1: there is no other node."""
+        return mi.Float(1)
+
+    def value(self, spectra: list[Any], node: Any) -> Any:
         """Return the one value."""
         return spectra[0]

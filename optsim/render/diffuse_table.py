@@ -47,6 +47,7 @@ class DiffuseTable:
         self.scene, self.table, self.search, self.sky = scene, table, search, sky
         self.bundle, self.lights = AllNodes(table), LightSampler(scene)
         self.max_depth = dr.opaque(mi.UInt32, max_depth)
+        self.splits, self.tallies = False, 1
 
     @dr.syntax
     def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers, lane: Any) -> Any:
@@ -59,7 +60,8 @@ class DiffuseTable:
             lane: which of the bundle's lanes each thread follows; here there is one.
 
         Returns:
-            transport as ``groups`` spectra of four nodes each, and the share of light cut off by max_depth (an upper bound).
+            transport as ``groups`` spectra of four nodes each, and a list of tallies: the share of light cut off by max_depth (an upper
+            bound).
         """
         scene, table, groups = self.scene, self.table, self.bundle.groups
         light = [mi.Spectrum(0) for _ in range(groups)]
@@ -96,7 +98,7 @@ class DiffuseTable:
             bound *= share
             for g in range(groups):
                 weight[g] *= share
-        return light, cut
+        return light, [cut]
 
     def _glow(self, si: Any, before: Any, density: Any, depth: Any, active: Any) -> Any:
         """Return the light that the surface hit sends out itself, weighted against light sampling after the first ray."""

@@ -14,7 +14,7 @@ from optsim.render.bundle import Bundle
 from optsim.render.engine import dr, mi
 from optsim.render.frame import CameraRays
 from optsim.render.sampling import FirstNumbers, PathSampler, seed_words
-from optsim.render.tiles import Samples
+from optsim.render.tiles import Samples, Traced
 
 SAMPLES_A_LAUNCH = 4096
 """Float32 sums inside a kernel stay this short; launches are added in float64."""
@@ -26,15 +26,15 @@ class Integrator(Protocol):
     """Trace one path per thread; see :class:`optsim.render.diffuse_table.DiffuseTable`."""
 
     bundle: Bundle
+    splits: bool
+    tallies: int
 
     def radiance(self, ray: Any, stream: Any, numbers: FirstNumbers, lane: Any) -> Any:
-        """Return transport as ``groups`` spectra and the share of light cut off."""
+        """Return transport as ``groups`` spectra and ``tallies`` floats, the first the share of light cut off."""
         ...
 
 
-def trace(
-    integrator: Integrator, rays: CameraRays, size: tuple[int, int], samples: Samples, key: tuple[int, ...]
-) -> tuple[np.ndarray, float]:
+def trace(integrator: Integrator, rays: CameraRays, size: tuple[int, int], samples: Samples, key: tuple[int, ...]) -> Traced:
     """Render one independent pass.
 
     Args:
@@ -45,12 +45,12 @@ def trace(
         key: whole numbers that name the pass: seed, light group, pass. Other keys give independent noise.
 
     Returns:
-        (nodes, pixels) float64 mean transport, 0 without paths, and the mean share of light cut off by the depth limit.
+        mean transport, 0 without paths, and what the paths tell of themselves.
     """
     width, pixels = size[1], samples.counts.size
     bundle = integrator.bundle
     total = np.zeros((bundle.lanes * bundle.nodes, pixels))
-    cut = 0.0
+    told = np.zeros((integrator.tallies, pixels))
     step = max(1, VALUES_A_TILE // (width * len(total))) * width
     shift = seed_words(*key, 0)
     with dr.suspend_grad():
@@ -60,12 +60,14 @@ def trace(
             for launch, start in enumerate(range(0, int(counts.max(initial=0)), SAMPLES_A_LAUNCH)):
                 stop = np.minimum(counts, start + SAMPLES_A_LAUNCH).astype(np.uint32)
                 words = seed_words(*key, launch + 1)
-                sums = _launch(integrator, rays, size, samples.first + first, (start, stop), shift, words)
+                sums, tallies = _launch(integrator, rays, size, samples.first + first, (start, stop), shift, words)
                 for n in range(bundle.nodes):
                     total[n :: bundle.nodes, here] += np.array(sums[n]).reshape(bundle.lanes, -1)
-                cut += float(np.sum(np.array(sums[-1]), dtype=np.float64)) / bundle.lanes
-    total /= np.maximum(samples.counts, 1)
-    return total, cut / max(1, int(samples.counts.sum(dtype=np.int64)))
+                for row, tally in zip(told, tallies):
+                    row[here] += np.array(tally).reshape(bundle.lanes, -1).mean(0, dtype=np.float64)
+    paths = np.maximum(samples.counts, 1)
+    cut = float(told[0].sum()) / max(1, int(samples.counts.sum(dtype=np.int64)))
+    return Traced(total / paths, cut, told[1:] / paths)
 
 
 class _Lens:
@@ -101,7 +103,7 @@ def _launch(
     own = thread - lane * dr.opaque(mi.UInt32, count)
     pixel = own + dr.opaque(mi.UInt32, first)
     column, row = mi.Float(pixel % width), mi.Float(pixel // width)
-    sampler = PathSampler(pixel, shift, words, rays.has_lens)
+    sampler = PathSampler(pixel, shift, words, rays.has_lens, integrator.splits)
     stream = sampler.stream
     start, start_a, start_b, forward, turn_a, turn_b = (
         mi.Vector3f(*[dr.opaque(mi.Float, float(x)) for x in getattr(rays, name)])
@@ -109,7 +111,7 @@ def _launch(
     )
     lens = _Lens(rays)
     sums = [bundle.dark() for _ in range(bundle.groups)]
-    cut = mi.Float(0)
+    tallies = [mi.Float(0) for _ in range(integrator.tallies)]
     index = dr.opaque(mi.UInt32, start_at)
     stop = dr.gather(mi.UInt32, mi.UInt32(stop_at), own)
     while index < stop:
@@ -119,11 +121,12 @@ def _launch(
         from_lens, turned = lens.moves(place)
         origin, toward = start + a * start_a + b * start_b + from_lens, forward + a * turn_a + b * turn_b + turned
         ray = mi.Ray3f(mi.Point3f(origin), dr.normalize(toward))
-        light, lost = integrator.radiance(ray, stream, numbers, lane)
+        light, told = integrator.radiance(ray, stream, numbers, lane)
         for g in range(bundle.groups):
             sums[g] += light[g]
-        cut += lost
+        for i in range(integrator.tallies):
+            tallies[i] += told[i]
         index += 1
     flat = bundle.split(sums)
-    dr.eval(flat, cut)
-    return [*flat, cut]
+    dr.eval(flat, tallies)
+    return flat, tallies

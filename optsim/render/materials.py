@@ -68,6 +68,8 @@ class MaterialTable:
             else:
                 kind[i] = OTHER
         self.has_glass, self.has_other = GLASS in kind, OTHER in kind
+        ends = index[:, [0, max(count - 1, 0)]]
+        self.has_dispersion = bool(np.any(ends[:, 0] != ends[:, 1]))
         self._values = mi.Float(values.ravel())
         self._largest = mi.Float(largest)
         self._kind = mi.UInt32(kind)
@@ -101,6 +103,15 @@ class MaterialTable:
         """Return the material's refractive index at one node of this table (1 where inactive)."""
         found = dr.gather(mi.Float, self._index, row * (4 * self.groups) + node, active)
         return dr.select(active, found, 1)
+
+    def indices(self, row: Any, group: int, active: Any) -> Any:
+        """Return the material's refractive index at the four nodes of a group (1 where inactive)."""
+        found = dr.gather(mi.Spectrum, self._index, row * self.groups + group, active)
+        return dr.select(active, found, 1)
+
+    def extremes(self, row: Any, active: Any) -> tuple[Any, Any]:
+        """Return the refractive index at the first and the last node: between them it runs one way."""
+        return self.index(row, 0, active), self.index(row, self.nodes - 1, active)
 
 
 def _rows_by_handle(engine: Any, black: int) -> np.ndarray:

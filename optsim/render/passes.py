@@ -16,7 +16,7 @@ from optsim.render.estimate import TileNoise, tile_noise
 from optsim.render.needs import Needs
 from optsim.render.replicates import Replicates
 from optsim.render.settings import RenderSettings
-from optsim.render.tiles import Samples, Tiles
+from optsim.render.tiles import Samples, Tiles, Traced
 from scenes.scene import Scene
 
 MIN_PASSES = 4
@@ -60,8 +60,8 @@ class Renderable(Protocol):
         """Return fresh accumulators for a part of the picture, one per light group."""
         ...
 
-    def trace(self, group: int, samples: Samples, key: tuple[int, ...]) -> tuple[np.ndarray, float]:
-        """Render one pass of one light group: (n, pixels) and the share of light cut by the depth limit."""
+    def trace(self, group: int, samples: Samples, key: tuple[int, ...]) -> Traced:
+        """Render one pass of one light group at all nodes."""
         ...
 
 
@@ -94,6 +94,8 @@ class State:
         passes_of: (tiles,) passes of this stage.
         going: (tiles,) which tiles go on.
         cut: largest share of light cut off by the depth limit in a pass.
+        told: (2, pixels) sums over passes: share of the paths that met dispersing glass first, and radiance (mean of the bands) that came
+            by way of glass or mirrors; (0, pixels) where nothing is told; None before the first pass.
         whole: False while a pass is being taken in, or a stage set up: what an interruption then leaves must not be saved.
     """
 
@@ -104,6 +106,7 @@ class State:
     passes_of: np.ndarray
     going: np.ndarray
     cut: float = 0.0
+    told: np.ndarray | None = None
     whole: bool = True
 
     @property
@@ -155,10 +158,12 @@ def add_pass(task: Renderable, state: State) -> None:
     active = None if state.going.all() else state.going[part.of_pixel]
     for group, accumulator in enumerate(state.groups):
         key = (task.settings.seed, group, state.stage, state.passes)
-        sample, cut = task.trace(group, Samples(part.first, counts), key)
+        traced = task.trace(group, Samples(part.first, counts), key)
         state.whole = False
-        accumulator.add(sample, active)
-        state.cut = max(state.cut, cut)
+        accumulator.add(traced.values, active)
+        state.cut = max(state.cut, traced.cut)
+        factors = np.array([group == 0, task.weights[group].sum(1).mean()])[: len(traced.told), None]
+        state.told = factors * traced.told + (0.0 if state.told is None else state.told)
     state.passes_of = state.passes_of + state.going
     state.whole = True
 
@@ -196,7 +201,7 @@ def _finished(task: Renderable, state: State) -> bool:
             return True
         state.whole = False
         plan = allot(task, noise, state.plan.samples * state.passes_of)
-        state.plan, state.stage, state.cut = plan, 1, 0.0
+        state.plan, state.stage, state.cut, state.told = plan, 1, 0.0, None
         state.groups = task.empty(state.part)
         state.passes_of, state.going = np.zeros_like(state.passes_of), np.ones_like(state.going)
         state.whole = True
@@ -277,7 +282,7 @@ def _resume(task: Renderable, checkpoint: Path | None, digest: str) -> State:
     if kept is None:
         return state
     state.plan, state.stage, state.cut = Plan(kept["samples"], kept["budget"]), int(kept["stage"]), float(kept["cut"])
-    state.passes_of, state.going = kept["passes"], kept["going"]
+    state.passes_of, state.going, state.told = kept["passes"], kept["going"], kept["told"]
     for i, group in enumerate(state.groups):
         group.counts, group.mean, group.scatter, group.band_scatter = (kept[f"{name}_{i}"] for name in _KEPT)
     return state
@@ -292,6 +297,7 @@ def _save(state: State, file: Path, digest: str) -> None:
         return
     values: dict[str, np.ndarray | float | int] = {"samples": state.plan.samples, "budget": state.plan.budget, "stage": state.stage}
     values |= {"cut": state.cut, "passes": state.passes_of, "going": state.going}
+    values["told"] = np.zeros((0, state.part.pixels)) if state.told is None else state.told
     for i, group in enumerate(state.groups):
         assert group.band_scatter is not None
         values |= {f"{name}_{i}": a for name, a in zip(_KEPT, (group.counts, group.mean, group.scatter, group.band_scatter))}

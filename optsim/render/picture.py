@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optsim.cube import Bands, make_cube
+from optsim.render.apart import Apart
 from optsim.render.backend import start, versions
 from optsim.render.canonical import canonical
 from optsim.render.cells import NotFlat
@@ -55,7 +56,10 @@ def render(
         float32 has no such numbers); ``stderr`` is missing with one sample a pixel. Attrs: config_digest, seed, versions, variant,
         integrator, max_depth, cut_share (upper bound of the share of light cut off there), transport_nodes; samples_per_pixel (mean over
         the picture, 0 without samples), samples_per_pixel_most, passes; error (relative RMS error in the worst band), error_low and
-        error_high (95 % interval of the error made), error_by_band (JSON): the errors are missing with one sample a pixel.
+        error_high (95 % interval of the error made), error_by_band (JSON): the errors are missing with one sample a pixel. With glass,
+        metal or plastic caustic_share (of the light: came to a surface that scatters by way of glass or mirrors; its noise is told by
+        the error only as far as samples have met it); with dispersing glass dispersed_share (of the pixels: show it), error_dispersed and
+        error_elsewhere (RMS over these and over the other pixels, relative to the whole picture's mean).
 
     Raises:
         InputError: ``render.*`` for settings, ``materials.*`` and ``lights[i]`` for spectra that do not cover the bands.
@@ -190,10 +194,15 @@ def _cube(task: Renderable, bands: Bands, state: State, digest: str) -> xr.Datas
     if not state.groups:
         return _checked(task, bands, np.zeros(shape, np.float32), np.zeros(shape, np.float32), attrs | told_error(np.zeros((3, 1))))
     radiance, stderr = band_radiance(state.groups, task.weights, state.part)
+    bounds = None
     if stderr is not None:
         bars = ErrorBars(bands.count)
         bars.add(state.noise(task.weights), stderr, state.groups[0].counts)
-        attrs |= told_error(bars.bounds()) | {"samples_per_pixel_most": int(state.spent_by_tile.max())}
+        bounds = bars.bounds()
+        attrs |= told_error(bounds) | {"samples_per_pixel_most": int(state.spent_by_tile.max())}
+    apart = Apart(bands.count)
+    apart.add(task, state, stderr)
+    attrs |= apart.attrs(bounds, task.needs.on(Physics.DISPERSION))
     dtype = kept_as(float(radiance.mean(0).max()))
     return _checked(task, bands, radiance.astype(dtype), None if stderr is None else stderr.astype(dtype), attrs)
 

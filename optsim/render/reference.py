@@ -22,7 +22,7 @@ from optsim.render.sampling import seed_words
 from optsim.render.settings import RenderSettings
 from optsim.render.spectral import light_groups
 from optsim.render.textures import taken_apart
-from optsim.render.tiles import Samples, Tiles
+from optsim.render.tiles import Samples, Tiles, Traced
 from optsim.render.translate import bsdf, load, tabulated, uniform
 from scenes.lights import GradientSky, PointLight
 from scenes.materials import Material
@@ -104,7 +104,7 @@ class FilmTransport:
         """Return fresh accumulators."""
         return [Replicates((self.nodes.size, part.pixels), weights, part) for weights in self.weights]
 
-    def trace(self, group: int, samples: Samples, key: tuple[int, ...]) -> tuple[np.ndarray, float]:
+    def trace(self, group: int, samples: Samples, key: tuple[int, ...]) -> Traced:
         """Render one pass of a group: (film bands, pixels) mean radiance; calls of over 2^32 paths are split."""
         longest, wanted = max(1, MAX_PATHS_A_CALL // self.pixels), int(samples.counts.max())
         total = np.zeros((self.pixels, self.nodes.size))
@@ -112,7 +112,7 @@ class FilmTransport:
             count = min(longest, wanted - start)
             image = mi.render(self._scenes[group], integrator=self._integrator, spp=count, seed=mi.UInt32(seed_words(*key, part)[0]))
             total += np.array(image, np.float64).reshape(total.shape) * count
-        return np.ascontiguousarray(total.T) / wanted, 0.0
+        return Traced(np.ascontiguousarray(total.T) / wanted, 0.0, np.zeros((0, self.pixels)))
 
 
 def node_cells(nodes_nm: np.ndarray) -> tuple[Bands, np.ndarray]:

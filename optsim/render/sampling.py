@@ -13,7 +13,7 @@ import numpy as np
 from optsim.render.engine import dr, mi
 
 DIMENSIONS = 6
-"""Pixel, light sample and scattered ray at the first smooth surface, two numbers each; a lens has two more."""
+"""Pixel, light sample and scattered ray at the first smooth surface, two numbers each; a lens has two more, dispersing glass one."""
 
 
 def increments(dimensions: int) -> list[int]:
@@ -38,18 +38,21 @@ class PathSampler:
         shift: two words that select the replicate's shifts.
         words: two words that select its PCG32 stream.
         lens: whether two more numbers are drawn, for a place on the lens.
+        wave: whether one more is drawn, for a wavelength.
     """
 
-    def __init__(self, pixel: Any, shift: tuple[int, int], words: tuple[int, int], lens: bool) -> None:
+    def __init__(self, pixel: Any, shift: tuple[int, int], words: tuple[int, int], lens: bool, wave: bool) -> None:
         shifts = _stream(pixel, shift)
-        self.steps = increments(DIMENSIONS + 2 if lens else DIMENSIONS)
+        self.steps = increments(DIMENSIONS + 2 * lens + wave)
+        self._wave = wave
         self.shift = [shifts.next_uint32() for _ in self.steps]
         self.stream = _stream(pixel, words)
 
     def first(self, index: Any) -> tuple[Any, Any, FirstNumbers, list[Any]]:
         """Return the Kronecker point of sample ``index`` (UInt32), in [0, 1): two for the pixel, four for the path, two for a lens."""
         x, y, *rest = [mi.Float((s + index * mi.UInt32(step)) >> 8) * 2.0**-24 for s, step in zip(self.shift, self.steps)]
-        return x, y, FirstNumbers(rest[:4]), rest[4:]
+        wave = rest.pop() if self._wave else mi.Float(0)
+        return x, y, FirstNumbers(rest[:4], wave), rest[4:]
 
 
 class FirstNumbers:
@@ -57,10 +60,11 @@ class FirstNumbers:
 
     Args:
         numbers: four floats in [0, 1).
+        wave: one more, for the wavelength that a path follows after dispersing glass (0 where none is needed).
     """
 
-    def __init__(self, numbers: list[Any]) -> None:
-        self._numbers = numbers
+    def __init__(self, numbers: list[Any], wave: Any) -> None:
+        self._numbers, self.wave = numbers, wave
 
     def take(self, stream: Any, first: Any) -> list[Any]:
         """Return two numbers for the light sample and two for the scattered ray; ``first`` tells who may use the even ones."""

@@ -8,8 +8,10 @@ from typing import Protocol
 import numpy as np
 
 from optsim.cube import Bands
+from optsim.render.apart import Apart
 from optsim.render.backend import start
 from optsim.render.cells import NotFlat
+from optsim.render.choice import Physics
 from optsim.render.estimate import ErrorBars, TileNoise, band_radiance, joined, kept_as
 from optsim.render.flat import FlatPicture
 from optsim.render.passes import (
@@ -114,9 +116,10 @@ def _stream_passes(sink: CubeSink, task: Renderable, bands: Bands, progress: Pro
     level = max((float(weights.sum(1).max()) for weights in task.weights), default=0.0)
     dtype = np.float32 if level == 0 or LIGHT_LEVELS[0] < level < LIGHT_LEVELS[1] else np.float64
     done, notes = sink.begin(shape, bands, dtype, several, digest)
-    bars, spent = ErrorBars(bands.count), np.zeros(4)  # mean and most paths a pixel, passes, share of light cut
+    bars, apart, spent = ErrorBars(bands.count), Apart(bands.count), np.zeros(4)  # mean and most paths a pixel, passes, share of light cut
     if done:
-        bars, spent = ErrorBars.from_notes(notes[:-4], bands.count), notes[-4:]
+        told, other, spent = np.split(notes, [-8 - 2 * bands.count, -4])
+        bars, apart = ErrorBars.from_notes(told, bands.count), Apart.from_notes(other, bands.count)
     parts = task.tiles.parts(max(1, memory // (_bytes_a_pixel(task, bands) * task.film[1])))
     plan = _plan(task, parts, progress) if task.settings.target is not None and task.groups else None
     first = 0
@@ -128,26 +131,28 @@ def _stream_passes(sink: CubeSink, task: Renderable, bands: Bands, progress: Pro
         radiance, stderr = _values(task, state, bands.count, several)
         if state.groups and stderr is not None:
             bars.add(state.noise(task.weights), stderr, state.groups[0].counts)
+        apart.add(task, state, stderr)
         most = int(state.spent_by_tile.max(initial=0))
         share = float(state.spent_by_tile @ part.sizes) / task.pixels
         spent = np.array([spent[0] + share, *np.maximum(spent[1:], [most, state.passes, state.cut])])
         rows = [None if a is None else a.reshape(part.rows, part.width, bands.count) for a in (radiance, stderr)]
         assert rows[0] is not None
-        sink.rows(part.top, rows[0], rows[1], np.concatenate([bars.notes(), spent]))
+        sink.rows(part.top, rows[0], rows[1], np.concatenate([bars.notes(), apart.notes(), spent]))
         if progress is not None:
             progress(part.bottom / task.film[0], float(bars.bounds()[0].max()) if stderr is not None else None)
-    _close(sink, task, bands, digest, bars if several else None, spent)
+    _close(sink, task, bands, digest, bars if several else None, apart, spent)
 
 
-def _close(sink: CubeSink, task: Renderable, bands: Bands, digest: str, bars: ErrorBars | None, spent: np.ndarray) -> None:
+def _close(sink: CubeSink, task: Renderable, bands: Bands, digest: str, bars: ErrorBars | None, apart: Apart, spent: np.ndarray) -> None:
     backend = start()
     attrs = provenance(task, bands, digest) | {"variant": backend.variant, "llvm_version": backend.llvm.version or "none"}
     attrs |= {"samples_per_pixel": round(spent[0]), "passes": int(spent[2]), "cut_share": float(spent[3])}
+    bounds = None
     if bars is not None:
         bounds = bars.bounds() if task.groups else np.zeros((3, 1))
         attrs |= told_error(bounds) | ({"samples_per_pixel_most": int(spent[1])} if task.groups else {})
         warn_if_missed(task, float(bounds[0].max()), round(spent[0]))
-    sink.finish(attrs)
+    sink.finish(attrs | apart.attrs(bounds, task.needs.on(Physics.DISPERSION)))
 
 
 def _bytes_a_pixel(task: Renderable, bands: Bands) -> int:

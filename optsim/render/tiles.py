@@ -23,6 +23,22 @@ class Samples:
     counts: np.ndarray
 
 
+@dataclass(frozen=True)
+class Traced:
+    """Hold one pass of a part of the picture.
+
+    Args:
+        values: (n, pixels) mean transport.
+        cut: share of light cut off by the depth limit.
+        told: (2, pixels) share of the paths that met dispersing glass before any surface that scatters, and mean transport that came to
+            such surfaces by way of glass or mirrors; (0, pixels) where there is neither.
+    """
+
+    values: np.ndarray
+    cut: float
+    told: np.ndarray
+
+
 class Tiles:
     """Divide rows of a picture into squares of 32 x 32 pixels, the last in a row and column smaller.
 

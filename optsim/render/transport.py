@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from optsim.cube import Bands
-from optsim.render.bundle import AllNodes, OneNode
 from optsim.render.choice import Physics
 from optsim.render.diffuse_table import DiffuseTable, LightSearch
 from optsim.render.frame import camera_rays, frame_of
@@ -16,10 +15,10 @@ from optsim.render.materials import MAX_TABLE_VALUES, MaterialTable, rows_of
 from optsim.render.needs import explain
 from optsim.render.replicates import Replicates
 from optsim.render.settings import RenderSettings
-from optsim.render.shared_path import SharedPath
+from optsim.render.shared_path import Parting, SharedPath
 from optsim.render.sky import SkyShape
 from optsim.render.spectral import light_groups
-from optsim.render.tiles import Samples, Tiles
+from optsim.render.tiles import Samples, Tiles, Traced
 from optsim.render.translate import at_nodes, bsdf, load, plain, uniform
 from scenes.lights import SKIES, AreaLight
 from scenes.materials import Dielectric, Lambertian, Material
@@ -39,6 +38,7 @@ class Transport:
         bands: decide the range of wavelengths.
         film: (height, width) in samples.
         settings: as of the render.
+        parting: what becomes of wavelengths at dispersing glass.
 
     Attributes:
         nodes: (n,) wavelengths of the transport in nm.
@@ -48,7 +48,7 @@ class Transport:
         max_depth: emission plus this many reflections less one.
     """
 
-    def __init__(self, scene: Scene, bands: Bands, film: tuple[int, int], settings: RenderSettings) -> None:
+    def __init__(self, scene: Scene, bands: Bands, film: tuple[int, int], settings: RenderSettings, parting: Parting | None = None) -> None:
         self.scene, self.film, self.settings = scene, film, settings
         self.pixels = film[0] * film[1]
         low, high = float(bands.lower.min()), float(bands.upper.max())
@@ -62,8 +62,10 @@ class Transport:
         decided = Physics.INTERREFLECTION not in settings.without and not self.needs.on(Physics.INTERREFLECTION)
         self._exact_depth = decided and self.max_depth >= 2
         self._rays = camera_rays(scene, self.frame, *film)
-        self._split = self.needs.on(Physics.DISPERSION)
-        self.route = "path per node" if self._split else "diffuse table" if self.needs.all_diffuse else "shared path"
+        self._parting = Parting() if parting is None else parting
+        self.route = "diffuse table" if self.needs.all_diffuse else "shared path"
+        if self.needs.on(Physics.DISPERSION):
+            self.route = "path per node" if self._parting.apart else "shared path, parted at glass"
         self._integrators = [self._build(group.lights, group.strengths) for group in self.groups]
 
     @property
@@ -75,13 +77,13 @@ class Transport:
         """Return fresh accumulators for a part of the picture, one per light group."""
         return [Replicates((self.nodes.size, part.pixels), weights, part) for weights in self.weights]
 
-    def trace(self, group: int, samples: Samples, key: tuple[int, ...]) -> tuple[np.ndarray, float]:
-        """Render one pass of one light group: (n, pixels) transport and the share of light cut by the depth limit."""
-        parts, cut = [], 0.0
-        for integrator in self._integrators[group]:
-            part, cut = trace(integrator, self._rays, self.film, samples, key)
-            parts.append(part)
-        return np.concatenate(parts), 0.0 if self._exact_depth else cut
+    def trace(self, group: int, samples: Samples, key: tuple[int, ...]) -> Traced:
+        """Render one pass of one light group at all nodes."""
+        parts = [trace(integrator, self._rays, self.film, samples, key) for integrator in self._integrators[group]]
+        cut = 0.0 if self._exact_depth else max(part.cut for part in parts)
+        share = [len(part.values) / self.nodes.size for part in parts]
+        told = np.sum([s * part.told for s, part in zip(share, parts)], axis=0)
+        return Traced(np.concatenate([part.values for part in parts]), cut, told)
 
     def _build(self, lights: tuple[int, ...], strengths: tuple[float, ...]) -> list[Any]:
         emission = {i: uniform(strength) for i, strength in zip(lights, strengths)}
@@ -93,15 +95,12 @@ class Transport:
         scene, aim = self._modelled, self.needs.on(Physics.EMITTER_SAMPLING)
         engine = load(scene, self.frame, emission, surface)
         sky = SkyShape(scene, lights, engine)
-        if self._split:
-            table = MaterialTable(scene, self.frame, engine, self.nodes, 0, self.nodes.size)
-            return [SharedPath(engine, table, OneNode(table), self.max_depth, sky, aim)]
         longest = max(4, min(NODES_A_KERNEL, MAX_TABLE_VALUES // rows_of(scene)))
-        chunks = np.array_split(np.arange(self.nodes.size), -(-self.nodes.size // longest))
+        alone = self._parting.apart and self.needs.on(Physics.DISPERSION)
+        chunks = np.array_split(np.arange(self.nodes.size), 1 if alone else -(-self.nodes.size // longest))
         tables = [MaterialTable(scene, self.frame, engine, self.nodes, int(c[0]), c.size) for c in chunks]
         if not self.needs.all_diffuse:
-            table = MaterialTable(scene, self.frame, engine, self.nodes, 0, self.nodes.size)
-            return [SharedPath(engine, table, AllNodes(table), self.max_depth, sky, aim) for table in tables]
+            return [SharedPath(engine, table, self._parting, self.max_depth, sky, aim) for table in tables]
         only_sky = all(isinstance(scene.lights[i], SKIES) for i in lights)
         aim &= not only_sky or Physics.EMITTER_SAMPLING in self.needs.choices.force
         search = LightSearch(sample=aim, hit=only_sky or not aim or scattered_rays_seek_lights(scene, lights))

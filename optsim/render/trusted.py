@@ -26,7 +26,7 @@ from optsim.render.reference import film_of, proven_responses
 from optsim.render.replicates import Replicates
 from optsim.render.sampling import seed_words
 from optsim.render.settings import RenderSettings, film_size
-from optsim.render.tiles import Samples, Tiles
+from optsim.render.tiles import Samples, Tiles, Traced
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,11 +76,12 @@ class TrustedTransport:
         """Return a fresh accumulator."""
         return [Replicates((self.nodes.size, part.pixels), self.weights[0], part)]
 
-    def trace(self, group: int, samples: Samples, key: tuple[int, ...]) -> tuple[np.ndarray, float]:
+    def trace(self, group: int, samples: Samples, key: tuple[int, ...]) -> Traced:
         """Render one pass: (K, pixels) mean radiance."""
         count = int(samples.counts.max())
         image = mi.render(self._scene, integrator=self._integrator, spp=count, seed=mi.UInt32(seed_words(*key, 0)[0]))
-        return np.ascontiguousarray(np.array(image, np.float64).reshape(self.pixels, -1).T), 0.0
+        values = np.ascontiguousarray(np.array(image, np.float64).reshape(self.pixels, -1).T)
+        return Traced(values, 0.0, np.zeros((0, self.pixels)))
 
 
 def render_trusted(

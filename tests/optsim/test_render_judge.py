@@ -173,7 +173,7 @@ def test_dispersive_glass_transmits_each_band_by_its_own_index():
     glass = Dielectric(index=1.8, abbe=10)
     narrow = Bands(np.array([455.0, 550, 660]), np.array([456.0, 551, 661]), np.array([455.5, 550.5, 660.5]))
     cube = render(slab(glass), narrow, (4, 4), RenderSettings(samples_per_pixel=2**14, max_depth=100))
-    assert cube.attrs["integrator"] == "path per node"
+    assert cube.attrs["integrator"] == "shared path, parted at glass"
     n = glass.index_at(narrow.center)
     r = ((n - 1) / (n + 1)) ** 2
     error = np.sqrt((cube.stderr.values**2).mean((0, 1))) / 4
