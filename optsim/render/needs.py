@@ -10,6 +10,7 @@ import numpy as np
 
 from optsim.cube import Bands
 from optsim.errors import InputError
+from optsim.render.caustics import missing_caustics
 from optsim.render.choice import EFFECTS, FREE, Choices, Physics
 from optsim.render.depth import MAX_DEPTH, depth_for
 from optsim.render.furnace import losses
@@ -194,11 +195,11 @@ class Needs:
 
     @property
     def material_warnings(self) -> tuple[str, ...]:
-        """Return a sentence for each material that the renderer lets lose more light than the error asked for, and one on light missed."""
+        """Return a sentence for each material that the renderer lets lose more light than asked for, and one for each light missed."""
         aimed = next(e for e in self.effects if e.name == Physics.EMITTER_SAMPLING)
         missed = aimed.decided_by == "without" and aimed.error_without > self.error
         found = ("rays are not aimed at lights, by hand: the error told knows only of light that was met by chance",) if missed else ()
-        return (*losses(self.source, self.error), *found)
+        return (*losses(self.source, self.error), *missing_caustics(self.source), *found)
 
     @property
     def _depth_warnings(self) -> tuple[str, ...]:
