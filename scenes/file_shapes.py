@@ -21,6 +21,8 @@ FORMS: dict[str, tuple[str, ...]] = {
     "icosphere": ("radius", "subdivisions"),
 }
 """The fields of each form beside its name, material, center and axis (default: z)."""
+PLACEMENT = ("rotation_deg", "position")
+"""The fields that place a mesh from a file."""
 
 
 def procedural_mesh(kind: str, fields: dict[str, Any], place: str) -> Mesh:
@@ -57,15 +59,35 @@ def procedural_mesh(kind: str, fields: dict[str, Any], place: str) -> Mesh:
     return makers[kind]()
 
 
+def turned_and_moved(fields: dict[str, Any], place: str) -> np.ndarray:
+    """Return the rigid (4, 4) transform of a mesh from a file: ``rotation_deg`` about x, then y, then z, then to ``position``.
+
+    Raises:
+        InputError: naming the offending place.
+    """
+    turns, position = (_vector(fields, name, (0.0, 0.0, 0.0), place) for name in PLACEMENT)
+    matrix = np.eye(4)
+    for axis, angle in enumerate(np.deg2rad(turns)):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        turn = np.eye(3)
+        turn[i, i] = turn[j, j] = np.cos(angle)
+        turn[j, i] = np.sin(angle)
+        turn[i, j] = -turn[j, i]
+        matrix[:3, :3] = turn @ matrix[:3, :3]
+    matrix[:3, 3] = position
+    return matrix
+
+
+def _vector(fields: dict[str, Any], name: str, default: tuple[float, float, float] | None, place: str) -> np.ndarray:
+    try:
+        return np.array(vector(fields.get(name, default)))
+    except InputError as error:
+        raise InputError(f"{place}.{name}", error.value, error.allowed) from None
+
+
 def _placed(fields: dict[str, Any], place: str) -> np.ndarray:
     """Return the rigid (4, 4) transform that takes z to the axis and the origin to the center."""
-    found = []
-    for name, default in (("center", None), ("axis", (0.0, 0.0, 1.0))):
-        try:
-            found.append(np.array(vector(fields.get(name, default))))
-        except InputError as error:
-            raise InputError(f"{place}.{name}", error.value, error.allowed) from None
-    center, axis = found
+    center, axis = _vector(fields, "center", None, place), _vector(fields, "axis", (0.0, 0.0, 1.0), place)
     length = float(np.linalg.norm(axis))
     if length == 0:
         raise InputError(f"{place}.axis", fields["axis"], "a vector of non-zero length")

@@ -12,7 +12,7 @@ import numpy as np
 
 from scenes import library
 from scenes.errors import InputError
-from scenes.file_shapes import FORMS, procedural_mesh
+from scenes.file_shapes import FORMS, PLACEMENT, procedural_mesh, turned_and_moved
 from scenes.file_spectra import MAX_BYTES, inside, parse_spectrum, require_keys, spectrum_data, under
 from scenes.file_textures import texture_fields
 from scenes.framing import lens_on, orthographic_on, perspective_on
@@ -194,13 +194,14 @@ def _build(data: Any, kinds: Kinds, place: str, folder: Path | None) -> Any:
 
 
 def _mesh_from_file(fields: dict[str, Any], place: str, folder: Path | None) -> Mesh:
-    require_keys(fields, ("name", "material", "file", "metres_per_unit"), place)
+    require_keys(fields, ("name", "material", "file", "metres_per_unit", *PLACEMENT), place)
     if folder is None:
         raise InputError("file", fields["file"], "left out: this scene has no folder of its own")
     scale = fields.get("metres_per_unit", 1.0)
     if isinstance(scale, bool) or not isinstance(scale, int | float):
         raise InputError("metres_per_unit", scale, "a number above 0 m")
-    return read_mesh(inside(folder, fields["file"], f"{place}.file"), fields.get("name", ""), fields.get("material", ""), scale)
+    path = inside(folder, fields["file"], f"{place}.file")
+    return read_mesh(path, fields.get("name", ""), fields.get("material", ""), scale, turned_and_moved(fields, place))
 
 
 def _to_data(thing: Model, kinds: Kinds) -> dict[str, Any]:

@@ -74,7 +74,7 @@ def icosphere(name: str, material: str, radius: float, placed: ArrayLike, subdiv
     return _mesh(name, material, trimesh.creation.icosphere(subdivisions, radius), placed)
 
 
-def read_mesh(path: Path | str, name: str, material: str, metres_per_unit: float = 1.0) -> Mesh:
+def read_mesh(path: Path | str, name: str, material: str, metres_per_unit: float = 1.0, placed: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     """Read a PLY, OBJ or STL file as a Mesh.
 
     Nothing but this one file is opened (OBJ materials are ignored). Declared sizes are checked against the file's length before
@@ -85,6 +85,7 @@ def read_mesh(path: Path | str, name: str, material: str, metres_per_unit: float
         name: of the shape.
         material: of the shape.
         metres_per_unit: what one unit of the file is in metres, above 0.
+        placed: where the file's origin is, in metres, or a rigid (4, 4) transform into the scene.
 
     Raises:
         InputError: ``mesh`` naming the file and what is wrong; ``shape.faces`` or ``shape.vertices`` with the first bad row.
@@ -106,7 +107,8 @@ def read_mesh(path: Path | str, name: str, material: str, metres_per_unit: float
         raise InputError("mesh", str(path), f"a readable {kind[1:].upper()} file ({type(error).__name__}: {error})") from None
     if declared is not None and len(vertices) != declared:
         raise InputError("mesh", str(path), f"a file with the {declared} vertices that its header declares ({len(vertices)} found)")
-    return Mesh(name=name, material=material, vertices=vertices * metres_per_unit, faces=faces)
+    matrix = _rigid(placed)
+    return Mesh(name=name, material=material, vertices=vertices * metres_per_unit @ matrix[:3, :3].T + matrix[:3, 3], faces=faces)
 
 
 def read_regular(path: Path, limit: int, field: str) -> bytes:
@@ -166,12 +168,18 @@ def _require_sections(sections: int) -> None:
         raise InputError("sections", sections, f"a whole number from 3 to 512 (at most {MAX_FACES} faces)")
 
 
-def _mesh(name: str, material: str, solid: Any, placed: ArrayLike) -> Mesh:
+def _rigid(placed: ArrayLike) -> np.ndarray:
+    """Return a rigid (4, 4) transform given as one, or as the place of the origin."""
     matrix = np.asarray(placed, np.float64)
     if matrix.shape == (3,):
         move, matrix = matrix, np.eye(4)
         matrix[:3, 3] = move
     if matrix.shape != (4, 4) or not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-9):
         raise InputError("placed", matrix.tolist(), "three coordinates or a rigid (4, 4) transform")
+    return matrix
+
+
+def _mesh(name: str, material: str, solid: Any, placed: ArrayLike) -> Mesh:
+    matrix = _rigid(placed)
     vertices = np.asarray(solid.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
     return Mesh(name=name, material=material, vertices=vertices, faces=np.asarray(solid.faces))

@@ -27,7 +27,7 @@ W m^-2 sr^-1 nm^-1, mean over each band, with the Monte Carlo standard error bes
 
 Example: `optsim render color-checker --size 256 --error 0.01 -o cube.nc`
 
-A scene of your own is a TOML file (docs/files.md has a complete one): `optsim render still-life.toml -o cube.nc`
+A scene of your own is a TOML file (docs/scenes.md has a complete one): `optsim render still-life.toml -o cube.nc`
 
 For `measure --physical`: `optsim render color-checker --subdivide 10 --oversample 2 -o fine.nc`
 

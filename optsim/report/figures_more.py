@@ -31,9 +31,9 @@ def frame_image(frames: Frames, shot: int = 0) -> np.ndarray:
     return np.moveaxis(values, 0, -1) if values.shape[0] == 3 else values[0]
 
 
-def figure_frames(gallery: Gallery, target: str, directory: Path) -> Drawn | None:
-    """Draw the first shot of each sensor with an enlarged window."""
-    captures = {s: Capture(target, s.sensor, s.masks, MAIN_R, "matched") for s in (MONO_DISTINCT, BAYER, FOVEON)}
+def figure_frames(gallery: Gallery, target: str, directory: Path, model: str = "matched") -> Drawn | None:
+    """Draw the first shot of each sensor with an enlarged window; ``model`` names the kind of data as a capture does."""
+    captures = {s: Capture(target, s.sensor, s.masks, MAIN_R, model) for s in (MONO_DISTINCT, BAYER, FOVEON)}
     frames = {s: f for s, c in captures.items() if (f := gallery.run.frames(c)) is not None}
     if not frames or target not in gallery.run.truths:
         return None
@@ -62,7 +62,7 @@ def figure_frames(gallery: Gallery, target: str, directory: Path) -> Drawn | Non
             axes[0, column].set_xlabel("brightest layer value = full scale", color=MUTED)
     shape = next(iter(frames.values())).values.shape
     caption = (
-        f"What the sensors record of {target} at R = {ratio_text(MAIN_R)}, {model_text('matched')}: {shape[2]} × {shape[3]} pixels, "
+        f"What the sensors record of {target} at R = {ratio_text(MAIN_R)}, {model_text(model)}: {shape[2]} × {shape[3]} pixels, "
         f"{shape[3] - gallery.truth(target).radiance.shape[1]} columns wider than the mask by the dispersion. "
         "Each mirror is open or closed; each band is shifted."
     )
@@ -163,10 +163,12 @@ def figure_spectra(gallery: Gallery, target: str, directory: Path) -> Drawn | No
 
 
 def mark(axes: Axes, y: int, x: int, number: int, color: str = INK) -> None:
-    """Write a number on a picture, readable on any ground."""
+    """Write a number on a picture, readable on any ground, beside its point and inside the picture."""
     from matplotlib.patheffects import withStroke
 
     axes.plot(x, y, "o", markersize=9, markerfacecolor="none", markeredgecolor="white", markeredgewidth=2.4)
     axes.plot(x, y, "o", markersize=9, markerfacecolor="none", markeredgecolor=color, markeredgewidth=1.3)
     effect = [withStroke(linewidth=2.2, foreground="white")]
-    axes.annotate(str(number), (x, y), (6, 5), textcoords="offset points", fontsize=9, fontweight="bold", color=color, path_effects=effect)
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    place = (6 if abs(right - x) > 0.08 * abs(right - left) else -13, 5 if abs(top - y) > 0.08 * abs(top - bottom) else -12)
+    axes.annotate(str(number), (x, y), place, textcoords="offset points", fontsize=9, fontweight="bold", color=color, path_effects=effect)

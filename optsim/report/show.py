@@ -161,6 +161,7 @@ def draw_spectra(plot: Axes, data: xr.Dataset, bands: Bands, places: list[tuple[
 def draw_bands(panel: SubFigure, cube: np.ndarray, stderr: np.ndarray | None, bands: Bands, index: list[int], top: float) -> None:
     """Draw bands as grey pictures on one scale up to ``top`` with a colour bar."""
     from matplotlib.colors import PowerNorm
+    from matplotlib.ticker import FuncFormatter
 
     axes = np.ravel(panel.subplots(1, len(index), squeeze=False))
     low, high = 0.0, float(cube.max())  # an estimate may dip below zero: black
@@ -170,6 +171,7 @@ def draw_bands(panel: SubFigure, cube: np.ndarray, stderr: np.ndarray | None, ba
         picture(ax, f"{bands.center[k]:.1f} nm")
     beyond = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[int(cube.min() < 0), int(high > scale)]
     bar = panel.colorbar(image, ax=list(axes), location="bottom", aspect=60, shrink=0.7, extend=beyond)
+    bar.formatter = FuncFormatter(lambda value, _: f"{value:.3g}")  # no common factor beside the axis, where the label ends
     flat = " (all values are equal)" if float(cube.min()) == high else ""
     noise = ""
     if stderr is not None:

@@ -10,7 +10,6 @@ import pytest
 from optsim.camera import CameraConfig, Distinct, glass_names, masks_for, measure_matched, sensors
 from optsim.cube import PAPER_CENTERS_NM, Bands, make_cube
 from optsim.files import write
-from scenes.files import FORMAT, LIGHT_KINDS, MATERIAL_KINDS, SHAPE_KINDS, VIEWPOINT_KINDS, read_scene
 
 TEXT = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
 
@@ -19,9 +18,8 @@ def blocks(language):
     return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
 
 
-DEFAULT_CAMERA, STACK_CAMERA, TABLE_CAMERA, SCENE, TEXTURE = blocks("toml")
+DEFAULT_CAMERA, STACK_CAMERA, TABLE_CAMERA = blocks("toml")
 (PROGRAM,) = blocks("python")
-(CSV,) = blocks("csv")
 
 
 @pytest.mark.parametrize("sensor", sensors(), ids=lambda s: s.name)
@@ -50,24 +48,6 @@ def test_the_printed_stack_is_the_same_with_the_catalogues_glass():
     np.testing.assert_allclose(own.dispersion.position_px(nm)[0], built_in.dispersion.position_px(nm)[0], atol=1e-9)
 
 
-def test_the_printed_texture_is_one():
-    from scenes.files import scene_from_data
-
-    viewpoint = {"kind": "orthographic", "origin": [0, 0, 1], "target": [0, 0, 0], "half_height": 1}
-    data = tomllib.loads(TEXTURE) | {"name": "s", "viewpoint": viewpoint}
-    data["materials"]["poster"] |= {"weights": [[[1, 0, 0], [0, 1, 0]]], "basis": ["red", "cie224-40", 0.5]}
-    assert scene_from_data(data).materials["poster"].size == (1, 2)
-
-
-def test_the_document_names_every_glass_and_every_kind():
-    for name in (*glass_names(), *MATERIAL_KINDS, *SHAPE_KINDS, *LIGHT_KINDS, *VIEWPOINT_KINDS):
+def test_the_document_names_every_glass():
+    for name in glass_names():
         assert f"`{name}`" in TEXT
-
-
-def test_the_printed_scene_reads_with_the_printed_csv(tmp_path):
-    (tmp_path / "still-life.toml").write_text(SCENE)
-    (tmp_path / "leaf.csv").write_text(CSV)
-    scene = read_scene(tmp_path / "still-life.toml")
-    assert FORMAT in SCENE
-    assert scene.materials["leaf"].reflectance.at(555.0) == pytest.approx(0.18)
-    assert [shape.name for shape in scene.shapes] == ["table", "green ball", "glass ball"]
