@@ -24,7 +24,7 @@ from optsim.cube import Bands, band_mean, block_mean
 from optsim.render import RenderSettings, render
 from recon import Admm, reconstruct
 from recon.metrics import psnr
-from recon.tuning import AutoTau, tau_max
+from recon.tau import AutoTau, tau_max
 from scenes import scene_by_name
 
 quick = bool(os.environ.get("OPTSIM_QUICK"))

@@ -15,7 +15,7 @@ from optsim.cube import Bands, band_mean, block_mean
 from optsim.render import RenderSettings, render
 from recon import Admm, reconstruct
 from recon.metrics import psnr
-from recon.tuning import AutoTau
+from recon.tau import AutoTau
 from scenes import scene_by_name
 
 size = 32 if os.environ.get("OPTSIM_QUICK") else 128

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from optsim.render.choice import Physics
     from recon.prior import Prior
     from recon.problem import Solver
-    from recon.tuning import TauChoice
+    from recon.tau import TauChoice
     from scenes.scene import Scene
 
 Json = Annotated[bool, Parameter(help="Print one JSON object and nothing else.", negative="")]
@@ -134,7 +134,7 @@ def _tau(word: str | None, frames: xr.Dataset, prior: Prior) -> TauChoice:
     import numpy as np
 
     from optsim.camera import band_model_of, signal_of
-    from recon.tuning import AutoTau, TauFraction
+    from recon.tau import AutoTau, TauFraction
 
     if word in (None, "auto"):
         rule: AutoTau | TauFraction = AutoTau()

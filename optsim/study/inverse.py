@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from recon.prior import Prior
     from recon.problem import Solver
     from recon.solution import Solution
-    from recon.tuning import TauRule
+    from recon.tau import TauRule
 
 
 def invert(

@@ -63,9 +63,9 @@ def judge(
     """
     from recon import Admm, Gpsr, reconstruct
     from recon.metrics import psnr
-    from recon.tuning import AutoTau, TauPath
+    from recon.tau import AutoTau, Given, TauPath
 
-    choice, _ = AutoTau(path=TauPath(fractions=fractions)).try_all(operator, signal, threads=1, on_iteration=on_iteration)
+    choice, _ = AutoTau(path=TauPath(fractions=fractions)).try_all(operator, signal, Given(threads=1), on_iteration=on_iteration)
     solver = Gpsr(max_iterations=GPSR_ITERATIONS, tolerance=1e-4) if by_gradients else Admm()
     solution = reconstruct(operator, signal, solver=solver, tau=choice.tau, start=choice.start, threads=1, on_iteration=on_iteration)
     return Judged(float(psnr(solution.cube, truth)), choice.fraction, choice.at_edge, float(solution.residual), solution.stop.converged)

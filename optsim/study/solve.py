@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from recon import L1, Admm, Gpsr
     from recon.metrics import Scores
     from recon.solution import Solution
-    from recon.tuning import AutoTau
+    from recon.tau import AutoTau
 
 SOLVER_VERSION = 1
 """Raise when a change of recon changes estimates: old entries are then computed anew."""
@@ -56,7 +56,7 @@ def _settings(config: StudyConfig, task: SolveTask) -> dict[str, Any]:
 
 
 def _rule(config: StudyConfig) -> AutoTau:
-    from recon.tuning import AutoTau, TauPath
+    from recon.tau import AutoTau, TauPath
 
     return AutoTau(path=TauPath(fractions=config.tau_fractions), seed=config.seed)
 
@@ -109,7 +109,7 @@ def _basis_pursuit(config: StudyConfig, task: SolveTask, frames: xr.Dataset, tru
 def _tuned(config: StudyConfig, task: SolveTask, frames: xr.Dataset, truth: np.ndarray, tick: Tick) -> Solved:
     from optsim.camera import band_model_of, signal_of
     from recon.metrics import psnr, score
-    from recon.tuning import tune
+    from recon.tau import Given, tune
 
     began, marks = time.perf_counter(), []
 
@@ -119,11 +119,10 @@ def _tuned(config: StudyConfig, task: SolveTask, frames: xr.Dataset, truth: np.n
     report = tune(
         band_model_of(frames).operator(np.float32),
         signal_of(frames),
+        Given(prior=_prior(config, truth), threads=1),
         auto=_rule(config),
         refine=_refine(task),
         score=lambda cube: psnr(cube, truth),
-        prior=_prior(config, truth),
-        threads=1,
         on_point=on_point,
         on_iteration=tick,
     )
