@@ -28,6 +28,8 @@ MEMORY = 2 << 30
 MOST_MEMORY = MEMORY + 4 * MAX_BYTES
 EXPANSION = 1000
 """A compressed file may be that much smaller than what it declares."""
+SPARE = 256 << 20
+"""A dark picture is compressed more than that."""
 PATIENCE_S = 4.0
 """Wall seconds for each of the two requests, beyond a second for each 20 MB declared."""
 BYTES_PER_S = 20e6
@@ -106,6 +108,20 @@ class Reader:
         except OSError as error:
             raise self._ended(child, source, field, error) from None
         return values
+
+    def prove(self, source: Source) -> None:
+        """Read a whole file of one of optsim's own formats in the child, to see that it ends neither by a signal nor never.
+
+        Raises:
+            InputError: naming the file.
+        """
+        child = self._running(source)
+        told = self._ask(child, source, {"do": "extent"}, PATIENCE_S, source.name).get("bytes")
+        length = sum(path.stat().st_size for path in source.paths)
+        size = min(told if isinstance(told, int) else MAX_BYTES, EXPANSION * length + SPARE)
+        child.lift(MEMORY + 4 * size)
+        patience = PATIENCE_S + size / BYTES_PER_S
+        self._ask(child, source, {"do": "prove", "cpu_s": int(patience) + CPU_S}, patience, source.name)
 
     def close(self) -> None:
         """End the child."""

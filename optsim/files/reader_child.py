@@ -1,7 +1,7 @@
 """The child process that decodes foreign files: limited before the first byte is read, it gets open files and gives back raw numbers.
 
-Over a socket pair. Asked: four bytes of length and JSON ``{"do": "prepare" | "survey" | "read", "format": ..., "name": ...}``, the open
-files beside it. Answered: eight bytes of length and JSON, for ``read`` followed by the array's bytes.
+Over a socket pair. Asked: four bytes of length and JSON ``{"do": ..., "format": ..., "name": ...}`` (prepare, survey, read; extent,
+prove), the open files beside it. Answered: eight bytes of length and JSON, for ``read`` followed by the array's bytes.
 """
 
 from __future__ import annotations
@@ -89,6 +89,13 @@ def _serve(channel: socket.socket, request: dict[str, Any], files: Sequence[IO[b
             file.seek(0)
         if request["do"] == "survey":
             _answer(channel, {"found": [found.model_dump() for found in decoder.survey(files)]})
+            return
+        if request["do"] == "extent":
+            _answer(channel, {"bytes": decoder.extent(files)})
+            return
+        if request["do"] == "prove":
+            decoder.prove(files)
+            _answer(channel, {"proven": True})
             return
         values = decoder.read(files, request["name"])
         header = {"shape": values.shape, "dtype": values.dtype.str, "bytes": values.nbytes}
