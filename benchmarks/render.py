@@ -1,11 +1,13 @@
-"""Time x error of the renderers here against Mitsuba's path and spectral film, as ratios within one run.
+"""Time x error of the renderers here against the best that Mitsuba's own pieces give, as ratios within one run.
 
-    python -m benchmarks.render [--json] [--size 64] [--film-samples 1024]
+    python -m benchmarks.render [--json] [--size 64] [--rounds 3] [--scene NAME ...] [--parting] [--scaling] [--plots docs/figures]
 
-Cost is seconds times normalised mean square error (against a long render with another seed), which does not depend on the number
-of samples for plain Monte Carlo: a ratio of 10 means ten times less time at equal error. Low-discrepancy points make the cost
-fall with the number of samples. Compilation is not counted (first call apart). The flat target is measured at two sizes, because
-its borders cut pixels at other places in each: the ratio depends on how much of its error comes from the few pixels that are cut.
+Cost is processor seconds times normalised mean square error, which does not depend on the number of samples for plain Monte Carlo: a
+ratio of 10 means ten times less time at equal error. All routes of a scene take turns, each round with other seeds; medians of the
+seconds and means of the errors count. Errors are products of the differences from two long renders, so that the noise of these cancels.
+Compilation is not counted (a first call apart). The ratio told is against the better of Mitsuba's two ways: all bands on one spectral
+film, or a film a band; with dispersion against the better of a film a band and our own path for every node. --parting compares numbers
+of paths behind dispersing glass; --scaling adds tables of pixels, bands and samples; --plots draws them.
 """
 
 from __future__ import annotations
@@ -13,100 +15,149 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks import render_scaling
+from benchmarks.render_routes import Case, Render, band_by_band, film, flat, own, with_hidden_glass
 from optsim.cube import Bands
-from optsim.render import RenderSettings
-from optsim.render.passes import Renderable, State, run
-from optsim.render.reference import FilmTransport
-from optsim.render.transport import Transport
+from optsim.render import explain
+from optsim.render.shared_path import Parting
 from scenes.catalogue import scene_by_name
-from scenes.materials import Dielectric
+from scenes.glass import Glass
 from scenes.scene import Scene
-from scenes.shapes import Sphere
 
-GOALS = {"color-checker": 10.0, "relief": 4.0}
-"""Least ratio against the film: a flat target, and a scene whose surfaces light each other."""
-
-
-def with_hidden_glass(scene: Scene) -> Scene:
-    """Add a speck of glass where nothing sees it: the scene takes the general route, its picture stays."""
-    view = scene.viewpoint
-    behind = np.asarray(view.origin) - 10 * view.axes()[2]
-    speck = Sphere(name="speck", material="speck", center=tuple(behind), radius=1e-6)
-    return scene.model_copy(update={"shapes": (*scene.shapes, speck), "materials": scene.materials | {"speck": Dielectric(index=1.5)}})
+ABBE = 30.0
+"""Of the glass in the case with dispersion."""
+DEPTH = 16
+"""Emissions counted at most, in every route."""
+GOALS = {"color-checker": 100.0, "relief": 15.0, "glass": 8.0, "dispersive glass": 3.0}
+"""Least ratio of the route that the scene takes by itself."""
+TRUTH = 16
+"""How many times the samples of a route the two long renders have."""
+PARTINGS = ((1, 1), (4, 4), (8, 8), (16, 16), (24, 24), (1000, 16), (1000, 1000))
 
 
-def band_values(task: Renderable, state: State) -> np.ndarray:
-    """Return (K, pixels) radiance."""
-    return sum(weight @ group.mean for weight, group in zip(task.weights, state.groups))
+def scenes() -> dict[str, Scene]:
+    """Return the scenes by the names of the table."""
+    shipped = {name: scene_by_name(name).build() for name in ("color-checker", "relief", "glass")}
+    return shipped | {"dispersive glass": Glass(abbe=ABBE).build()}
 
 
-def measure(task: Renderable, truth: np.ndarray | None) -> dict[str, Any]:
-    """Render twice, time the second run, and compare with the truth."""
-    start = time.perf_counter()
-    run(task, None, None, "")
-    first = time.perf_counter() - start
-    start = time.perf_counter()
-    state = run(task, None, None, "")
-    seconds = time.perf_counter() - start
-    values = band_values(task, state)
-    error = float(state.noise(task.weights).errors.max())
-    found = {"samples": state.spent, "first_s": first, "seconds": seconds, "values": values, "estimated_error": error}
-    if truth is not None:
-        scale = truth.mean(1, keepdims=True)
-        found["nmse"] = float(np.mean(((values - truth) / scale) ** 2))
-        found["cost"] = found["seconds"] * found["nmse"]
-    return found
+def case_of(scene: Scene, size: int) -> Case:
+    """Return a case of 24 bands, no deeper than the scene needs."""
+    return Case(scene, Bands.paper(), (size, size), min(DEPTH, explain(scene).max_depth))
 
 
-def compare(name: str, size: int, film_samples: int, own_samples: int) -> list[dict[str, Any]]:
-    """Compare the routes on one scene; ratio = cost of the film / cost of the route."""
-    scene, bands, film = scene_by_name(name).build(), Bands.paper(), (size, size)
-    depth = Transport(scene, bands, film, RenderSettings(samples_per_pixel=4)).max_depth
-    deep = {"max_depth": min(depth, 16)}
-    truth = measure(Transport(scene, bands, film, RenderSettings(samples_per_pixel=own_samples * 64, seed=1, **deep)), None)["values"]
-    own, other = RenderSettings(samples_per_pixel=own_samples, **deep), RenderSettings(samples_per_pixel=film_samples, **deep)
-    routes = {
-        "diffuse table": lambda: Transport(scene, bands, film, own),
-        "shared path": lambda: Transport(with_hidden_glass(scene), bands, film, own),
-        "Mitsuba path and specfilm": lambda: FilmTransport(scene, bands, film, other),
-    }
+def routes_of(name: str, case: Case, samples: int) -> tuple[dict[str, Render], list[str]]:
+    """Return the routes, ours first, and the names of the rivals: Mitsuba's, and our own path for every node where there is one."""
+    ours: dict[str, Render] = {}
+    if name == "color-checker":
+        ours["flat faces without samples"] = flat(case)
+    if name in ("color-checker", "relief"):
+        ours["diffuse table"] = own(case, samples)
+        ours["shared path"] = own(Case(with_hidden_glass(case.scene), case.bands, case.film, case.max_depth), samples)
+    elif name == "glass":
+        ours["shared path"] = own(case, samples)
+    else:
+        ours["shared path, parted at glass"] = own(case, samples)
+    rivals = {"Mitsuba: a film a band": band_by_band(case, max(4, samples // 4))}
+    if name == "dispersive glass":
+        rivals["a path for every node"] = own(case, samples, Parting(apart=True))
+    else:
+        rivals["Mitsuba: one spectral film"] = film(case, 4 * samples)
+    return ours | rivals, list(rivals)
+
+
+def compare(case: Case, routes: dict[str, Render], truth: Render, rounds: int) -> list[dict[str, Any]]:
+    """Measure all routes in turns."""
+    one, other = truth(10**6), truth(10**6 + 1)
+    scale = np.mean((one + other) / 2, axis=1, keepdims=True)
+    first: dict[str, float] = {}
+    seconds: dict[str, list[float]] = {name: [] for name in routes}
+    errors: dict[str, list[np.ndarray]] = {name: [] for name in routes}
+    for turn in range(-1, rounds):
+        for name, render in routes.items():
+            start = time.process_time()
+            found = render(turn + 1)
+            spent = time.process_time() - start
+            if turn < 0:
+                first[name] = spent
+                continue
+            seconds[name].append(spent)
+            errors[name].append(np.mean((found - one) * (found - other) / scale**2, axis=0))
     rows = []
-    for route, build in routes.items():
-        found = measure(build(), truth)
-        found.pop("values")
-        rows.append({"scene": name, "size": size, "route": route, **found})
-    for row in rows:
-        row["ratio"] = rows[-1]["cost"] / row["cost"]
-        row["goal"] = None if row is rows[-1] else GOALS[name]
+    for name in routes:
+        pixels = np.mean(errors[name], axis=0)
+        nmse, unsure = float(pixels.mean()), float(pixels.std(ddof=1) / np.sqrt(pixels.size))
+        bound = nmse < 2 * unsure
+        spent, nmse = float(np.median(seconds[name])), max(nmse, 0) + 2 * unsure * bound
+        rows.append({"route": name, "first_s": first[name], "seconds": spent, "nmse": nmse, "bound": bool(bound), "cost": spent * nmse})
+    return rows
+
+
+def table(name: str, case: Case, samples: int, rounds: int) -> list[dict[str, Any]]:
+    """Return the rows of one scene with their ratios against the cheapest rival."""
+    routes, rivals = routes_of(name, case, samples)
+    rows = compare(case, routes, own(case, TRUTH * samples), rounds)
+    least = min(row["cost"] for row in rows if row["route"] in rivals)
+    for number, row in enumerate(rows):
+        row |= {"scene": name, "size": case.film[0], "ratio": least / row["cost"], "goal": GOALS[name] if number == 0 else None}
         row["met"] = None if row["goal"] is None else bool(row["ratio"] >= row["goal"])
     return rows
 
 
+def partings(case: Case, samples: int, rounds: int) -> list[dict[str, Any]]:
+    """Return a row for each number of paths behind dispersing glass, with their cost against a path for every node."""
+    routes = {f"{seen} seen, {met} met": own(case, samples, Parting(seen=seen, met=met)) for seen, met in PARTINGS}
+    rows = compare(case, routes | {"a path for every node": own(case, samples, Parting(apart=True))}, own(case, TRUTH * samples), rounds)
+    for row in rows:
+        row |= {"scene": "dispersive glass", "size": case.film[0], "ratio": rows[-1]["cost"] / row["cost"], "goal": None, "met": None}
+    return rows
+
+
+def show(rows: list[dict[str, Any]]) -> None:
+    """Print a table."""
+    head = ("first s", 8), ("s", 7), ("nMSE", 10), ("s x nMSE", 10), ("ratio", 9), ("goal", 5)
+    print(f"{'scene':17s} {'px':>4s} {'route':29s} " + " ".join(f"{word:>{width}s}" for word, width in head))
+    for r in rows:
+        goal = "" if r["goal"] is None else f"{r['goal']:.0f}{'' if r['met'] else ' !'}"
+        less, more = ("<", ">") if r["bound"] else ("", "")
+        values = f"{less}{r['nmse']:.3g}", f"{less}{r['cost']:.3g}", f"{more}{r['ratio']:.1f}"
+        print(
+            f"{r['scene']:17s} {r['size']:4d} {r['route']:29s} {r['first_s']:8.2f} {r['seconds']:7.2f} {values[0]:>10s} {values[1]:>10s} "
+            f"{values[2]:>9s} {goal:>5s}"
+        )
+
+
 def main() -> None:
-    """Print the table, or JSON."""
+    """Print the tables, or JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--size", type=int, default=64, help="picture side in pixels")
-    parser.add_argument("--film-samples", type=int, default=1024, help="samples a pixel for Mitsuba's film")
-    parser.add_argument("--own-samples", type=int, default=64, help="samples a pixel for the routes here")
+    parser.add_argument("--samples", type=int, default=256, help="samples a pixel of the routes here; Mitsuba's have four times as many")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--scene", nargs="*", choices=tuple(GOALS), default=tuple(GOALS), help="which rows; none: no table")
+    parser.add_argument("--parting", action="store_true")
+    parser.add_argument("--scaling", action="store_true")
+    parser.add_argument("--plots", type=Path, nargs="?", const=Path("docs/figures"), default=None, metavar="DIR", help="implies --scaling")
     chosen = parser.parse_args()
-    cases = [("color-checker", chosen.size), ("color-checker", chosen.size - 4), ("relief", chosen.size)]
-    rows = [row for name, size in cases for row in compare(name, size, chosen.film_samples, chosen.own_samples)]
+    built = scenes()
+    rows = [row for name in chosen.scene for row in table(name, case_of(built[name], chosen.size), chosen.samples, chosen.rounds)]
+    tried = partings(case_of(built["dispersive glass"], chosen.size), chosen.samples, chosen.rounds) if chosen.parting else []
+    scaling = render_scaling.measure(built["relief"], chosen.rounds) if chosen.scaling or chosen.plots is not None else None
     if chosen.json:
-        print(json.dumps({"bands": 24, "rows": rows}))
-        return
-    head = ("spp", 6), ("first s", 8), ("s", 7), ("nMSE", 10), ("s x nMSE", 10), ("ratio", 8), ("goal", 5)
-    print(f"{'scene':15s} {'px':>4s} {'route':27s} " + " ".join(f"{word:>{width}s}" for word, width in head))
-    for r in rows:
-        goal = "" if r["goal"] is None else f"{r['goal']:.0f}{'' if r['met'] else ' !'}"
-        print(
-            f"{r['scene']:15s} {r['size']:4d} {r['route']:27s} {r['samples']:6d} {r['first_s']:8.2f} {r['seconds']:7.2f} {r['nmse']:10.3g} "
-            f"{r['cost']:10.3g} {r['ratio']:8.1f} {goal:>5s}"
-        )
+        print(json.dumps({"bands": 24, "rows": rows, "parting": tried, "scaling": scaling}))
+    else:
+        for part in (rows, tried):
+            if part:
+                show(part)
+        if scaling is not None:
+            render_scaling.show(scaling)
+    if chosen.plots is not None and scaling is not None:
+        render_scaling.plot(scaling, rows, chosen.plots / "render_speed.png")
 
 
 if __name__ == "__main__":
