@@ -26,6 +26,7 @@ VERBS = {
     "measure": "optsim.cli.measure:measure",
     "reconstruct": "optsim.cli.stages:reconstruct",
     "score": "optsim.cli.stages:score",
+    "study": "optsim.cli.study:app",
     "import": "optsim.cli.data:import_cube",
     "import-measurement": "optsim.cli.data:import_measurement",
     "export": "optsim.cli.data:export",

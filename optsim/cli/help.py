@@ -64,6 +64,13 @@ estimate, in mirrors or in bands, is averaged first.
 
 Example: `optsim score estimate.nc cube.nc --json`
 """,
+    "study": """The verdict on the paper's claims, and the paper's experiment.
+
+`paper-claims` judges every claim under readings that change one factor at a time, with 95 % intervals over scenes and masks.
+`experiment` photographs toy bricks with the paper's test bed, emulated, and compares the recovered spectra with the truth.
+
+Example: `optsim study paper-claims --quick --out verdict`
+""",
     "import": """Bring in a cube as others keep them.
 
 ENVI, MATLAB v5 to v7.3 (ICVL, ARAD, KAIST, TSA), folders of PNG (CAVE), spectral EXR, .npy, HDF5, netCDF.

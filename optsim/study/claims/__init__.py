@@ -1,0 +1,1 @@
+"""The verdict on the paper's claims: readings, one factor changed at a time, judged with intervals (docs/study.md)."""

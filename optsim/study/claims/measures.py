@@ -1,0 +1,221 @@
+"""From rows to paired differences: how each claim is measured under one reading."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+
+from optsim.cube import Bands
+from optsim.study.claims.readings import Reading
+from optsim.study.claims.worlds import BENCH, TARGET_1, TARGET_2
+
+Differences = dict[str, list[float]]
+"""Scene -> one value a mask."""
+
+
+class Table:
+    """The rows of one reading: by scene, mask, colour shots and sensor.
+
+    Args:
+        reading: which.
+        size: mirrors along each side.
+        rows: (scene, mask, groups, sensor) -> row.
+    """
+
+    def __init__(self, reading: Reading, size: int, rows: Mapping[tuple[str, int, int, str], Mapping[str, Any]]) -> None:
+        self.reading, self.size, self._rows = reading, size, rows
+
+    @property
+    def scenes(self) -> list[str]:
+        """Return the scenes that were run."""
+        return list(dict.fromkeys(scene for scene, _, _, _ in self._rows))
+
+    @property
+    def random_scenes(self) -> tuple[str, ...]:
+        """Return those that stand for scenes at large."""
+        return tuple(scene for scene in self.scenes if scene not in (TARGET_1, TARGET_2, BENCH))
+
+    def groups(self, scene: str) -> list[int]:
+        """Return the numbers of colour shots run on a scene."""
+        return sorted({groups for name, _, groups, _ in self._rows if name == scene})
+
+    def values(self, scene: str, groups: int, sensor: str, look: Callable[[Mapping[str, Any]], float]) -> dict[int, float]:
+        """Return mask -> value of a sensor."""
+        return {m: look(row) for (name, m, g, s), row in self._rows.items() if (name, g, s) == (scene, groups, sensor)}
+
+    def paired(self, scene: str, groups: int, a: str, b: str, look: Callable[[Mapping[str, Any]], float]) -> list[float]:
+        """Return value of a minus value of b, one a mask that both saw."""
+        left, right = self.values(scene, groups, a, look), self.values(scene, groups, b, look)
+        return [left[m] - right[m] for m in sorted(left.keys() & right.keys())]
+
+
+class Measure(Protocol):
+    """A way to measure a claim; it may have several parts that all must hold."""
+
+    @property
+    def sensors(self) -> frozenset[str]:
+        """Return the sensors that it compares."""
+        ...
+
+    @property
+    def steady(self) -> bool:
+        """Tell whether it is asked at every R by itself (else once, over several R)."""
+        ...
+
+    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
+        """Yield the paired differences of each part, in dB; nothing where the reading was not run on what is asked."""
+        ...
+
+
+def psnr(row: Mapping[str, Any]) -> float:
+    """Return the mean PSNR over bands."""
+    return float(row["psnr_db"])
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far one sensor's PSNR lies above another's on some scenes; without scenes: on the random ones."""
+
+    above: str
+    below: str
+    scenes: tuple[str, ...]
+    steady = True
+
+    @property
+    def sensors(self) -> frozenset[str]:
+        """Return both."""
+        return frozenset((self.above, self.below))
+
+    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
+        """Yield one part."""
+        found = {s: table.paired(s, groups, self.above, self.below, psnr) for s in self.scenes or table.random_scenes}
+        found = {scene: values for scene, values in found.items() if values}
+        if found:
+            yield found
+
+
+@dataclass(frozen=True)
+class Drop:
+    """How far target 2 scores below target 1, for each sensor, behind the same masks."""
+
+    claimed_db: float
+    sensors = frozenset(("mono", "bayer", "foveon"))
+    steady = True
+
+    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
+        """Yield the sensor that is farthest from the claimed drop: the claim is about all."""
+        found = []
+        for sensor in sorted(self.sensors):
+            first, second = (table.values(scene, groups, sensor, psnr) for scene in (TARGET_1, TARGET_2))
+            drops = [first[m] - second[m] for m in sorted(first.keys() & second.keys())]
+            if drops:
+                found.append(drops)
+        if found:
+            yield {"targets": max(found, key=lambda drops: abs(float(np.mean(drops)) - self.claimed_db))}
+
+
+@dataclass(frozen=True)
+class BandsBelow:
+    """How far a sensor's error lies below mono's in each band of each target."""
+
+    sensor: str
+    steady = True
+
+    @property
+    def sensors(self) -> frozenset[str]:
+        """Return the sensor and mono."""
+        return frozenset((self.sensor, "mono"))
+
+    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
+        """Yield a part for each target and band."""
+        for scene in (TARGET_1, TARGET_2):
+            for k in range(Bands.paper().count):
+                found = table.paired(scene, groups, self.sensor, "mono", _band(k))
+                if found:
+                    yield {scene: found}
+
+
+@dataclass(frozen=True)
+class FalseColor:
+    """How much weaker Foveon's false colour is than Bayer's on the finest bars of target 2, in dB."""
+
+    sensors = frozenset(("bayer", "foveon"))
+    steady = True
+
+    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
+        """Yield one part."""
+        found = table.paired(TARGET_2, groups, "bayer", "foveon", lambda row: 20 * math.log10(row["false_color"]))
+        if found:
+            yield {TARGET_2: found}
+
+
+@dataclass(frozen=True)
+class MoreShots:
+    """How much each sensor gains from one R to the next that was run."""
+
+    sensors = frozenset(("mono", "bayer", "foveon"))
+    steady = False
+
+    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
+        """Yield a part for each target, sensor and step."""
+        for scene in (TARGET_1, TARGET_2):
+            for few, many in pairwise(table.groups(scene)):
+                for sensor in sorted(self.sensors):
+                    less, more = (table.values(scene, g, sensor, psnr) for g in (few, many))
+                    gains = [more[m] - less[m] for m in sorted(less.keys() & more.keys())]
+                    if gains:
+                        yield {scene: gains}
+
+
+@dataclass(frozen=True)
+class LongWavelengths:
+    """How much more Foveon gains over mono from a wavelength on than below it, on the test bed."""
+
+    from_nm: float
+    sensors = frozenset(("foveon", "mono"))
+    steady = True
+
+    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
+        """Yield one part."""
+        long = Bands.paper().center >= self.from_nm
+
+        def tilt(row: Mapping[str, Any]) -> float:
+            bands = np.array(row["band_psnr_db"], np.float64)
+            return float(bands[long].mean() - bands[~long].mean())
+
+        found = table.paired(BENCH, groups, "foveon", "mono", tilt)
+        if found:
+            yield {BENCH: found}
+
+
+@dataclass(frozen=True)
+class Signature:
+    """How much smaller a sensor's error of the spectral signatures is than mono's, in dB, mean over the reference points."""
+
+    sensor: str
+    steady = True
+
+    @property
+    def sensors(self) -> frozenset[str]:
+        """Return the sensor and mono."""
+        return frozenset((self.sensor, "mono"))
+
+    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
+        """Yield one part."""
+        found = table.paired(BENCH, groups, self.sensor, "mono", signature_db)
+        if found:
+            yield {BENCH: found}
+
+
+def signature_db(row: Mapping[str, Any]) -> float:
+    """Return how far the signatures' errors lie below the signatures, in dB, mean over the points."""
+    return float(np.mean([-20 * math.log10(error) for error in row["signature_error"].values()]))
+
+
+def _band(k: int) -> Callable[[Mapping[str, Any]], float]:
+    return lambda row: float(row["band_psnr_db"][k])

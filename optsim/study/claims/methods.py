@@ -1,0 +1,162 @@
+"""How a measurement is inverted: one factor of the readings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from optsim.study.claims.captures import Taken
+
+Tick = Callable[..., None]
+FRACTIONS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
+"""Values of tau / tau_max for data without noise."""
+NOISY_FRACTIONS = (3e-1, 1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
+BENCH_FRACTIONS = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
+PURSUIT_TOLERANCE = 1e-3
+"""Leaves the PSNR within 0.01 dB of a tolerance twenty times smaller."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inverted:
+    """An estimate and how it was reached.
+
+    Args:
+        cube: (M, N, K).
+        converged: whether the last solve met its tolerance.
+        iterations: of the last solve.
+        tau_fraction: of tau_max; None without a tau.
+        at_edge: whether that is an end of its grid.
+    """
+
+    cube: np.ndarray
+    converged: bool
+    iterations: int
+    tau_fraction: float | None = None
+    at_edge: bool = False
+
+
+class Method(Protocol):
+    """A way to invert a measurement."""
+
+    @property
+    def name(self) -> str:
+        """Return its name, unique among methods."""
+        ...
+
+    @property
+    def cost(self) -> float:
+        """Return its expected time over that of basis pursuit."""
+        ...
+
+    def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
+        """Estimate the cube with one kernel thread; only an oracle looks at ``truth``."""
+        ...
+
+
+@dataclass(frozen=True)
+class Pursuit:
+    """Basis pursuit: the sparsest cube that explains the frames exactly."""
+
+    name = "basis-pursuit"
+    cost = 1.0
+
+    def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
+        """Solve."""
+        from recon import BasisPursuit, reconstruct
+
+        solver = BasisPursuit(tolerance=PURSUIT_TOLERANCE)
+        solution = reconstruct(taken.operator, taken.signal, solver=solver, threads=1, on_iteration=tick)
+        return Inverted(solution.cube, solution.stop.converged, solution.iterations)
+
+
+@dataclass(frozen=True)
+class BlindTau:
+    """Eq. 4 by ADMM, its tau found from held-out detector pixels.
+
+    Args:
+        fractions: values of tau / tau_max to try, falling.
+    """
+
+    fractions: tuple[float, ...] = FRACTIONS
+
+    @property
+    def name(self) -> str:
+        """Return its name."""
+        return f"eq4-blind-{self.fractions[0]:g}"
+
+    @property
+    def cost(self) -> float:
+        """Return its expected time over that of basis pursuit."""
+        return 0.75 * len(self.fractions)
+
+    def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
+        """Choose and solve."""
+        from recon import Admm, reconstruct
+        from recon.tau import AutoTau, TauPath
+        from recon.tau.choice import Given
+
+        rule = AutoTau(path=TauPath(fractions=self.fractions))
+        choice, _ = rule.try_all(taken.operator, taken.signal, Given(threads=1), on_iteration=tick)
+        solution = reconstruct(
+            taken.operator, taken.signal, solver=Admm(), tau=choice.tau, start=choice.start, threads=1, on_iteration=tick
+        )
+        return Inverted(solution.cube, solution.stop.converged, solution.iterations, choice.fraction, choice.at_edge)
+
+
+@dataclass(frozen=True)
+class KnownNoise:
+    """Eq. 4 by ADMM at the largest tau that leaves no more unexplained than the noise (discrepancy principle).
+
+    Args:
+        weighted: whether the data term is weighted by the inverse variance of each measurement; else all weigh alike.
+    """
+
+    weighted: bool = False
+    cost = 5.0
+
+    @property
+    def name(self) -> str:
+        """Return its name."""
+        return "eq4-noise-weighted" if self.weighted else "eq4-noise"
+
+    def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
+        """Choose and solve."""
+        from recon import Admm, reconstruct
+        from recon.tau import Discrepancy, TauPath
+
+        assert taken.variance is not None
+        noise = taken.variance if self.weighted else np.asarray(taken.variance.mean())
+        tick()
+        choice = Discrepancy(path=TauPath(fractions=NOISY_FRACTIONS)).choose(taken.operator, taken.signal, noise=noise, threads=1)
+        solution = reconstruct(
+            taken.operator, taken.signal, solver=Admm(), tau=choice.tau, noise=noise, start=choice.start, threads=1, on_iteration=tick
+        )
+        return Inverted(solution.cube, solution.stop.converged, solution.iterations, choice.fraction, choice.at_edge)
+
+
+@dataclass(frozen=True)
+class OracleTau:
+    """Eq. 4 by ADMM at the tau, of a grid, whose answer is nearest the truth."""
+
+    name = "eq4-oracle"
+    cost = 7.0
+
+    def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
+        """Solve for every tau and take the best."""
+        from recon import Admm
+        from recon.metrics import psnr
+        from recon.tau import Given, TauPath
+
+        path = TauPath(fractions=FRACTIONS, solver=Admm())
+        found = path.follow(taken.operator, taken.signal, Given(threads=1), on_iteration=tick)
+        best = int(np.argmax([psnr(solution.cube, truth) for solution in found]))
+        solution = found[best]
+        return Inverted(solution.cube, solution.stop.converged, solution.iterations, FRACTIONS[best], best in (0, len(found) - 1))
+
+
+def settings() -> dict[str, Any]:
+    """Return what decides the answers of all methods, for the keys of finished work."""
+    return {"fractions": FRACTIONS, "noisy": NOISY_FRACTIONS, "bench": BENCH_FRACTIONS, "pursuit": PURSUIT_TOLERANCE}
