@@ -10,7 +10,8 @@ from recon import threads
 from recon.coded_aperture import empty_cube
 from recon.config import Config
 from recon.errors import InputError
-from recon.spectral_basis import Cosine, cosine_matrix, turn, turn_and_shrink
+from recon.spectral_basis import Cosine
+from recon.turning import turn
 
 DEFAULT_WAVELET = "db2"
 DEFAULT_LEVEL = 5
@@ -99,7 +100,7 @@ class Kronecker(Config):
         """Return theta = Psi^T f for a cube (M, N, K)."""
         source, target = self._arrays(self._padded(cube), out)
         self._wavelet(source, target, forward=True)
-        self._spectral(target, analyse=True, synthesise=False)
+        turn(self.spectral.matrix(target.shape[0], target.dtype), target, target)
         return target.transpose(1, 2, 0)
 
     def synthesis(self, theta: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -108,7 +109,7 @@ class Kronecker(Config):
         source, target = self._arrays(theta, None if cut else out)
         if target is not source:
             target[...] = source
-        self._spectral(target, analyse=False, synthesise=True)
+        turn(self.spectral.matrix(target.shape[0], target.dtype).T, target, target)
         self._wavelet(target, target, forward=False)
         whole = target.transpose(1, 2, 0)
         if not cut:
@@ -128,10 +129,21 @@ class Kronecker(Config):
             weights: (K,) one a spectral coefficient; None: all 1.
         """
         _, target = self._arrays(cube, cube)
-        self._wavelet(target, target, forward=True)
-        total = self._spectral(target, analyse=True, synthesise=True, threshold=threshold, weights=weights)
-        self._wavelet(target, target, forward=False)
+        matrix = self.spectral.matrix(target.shape[0], target.dtype)
+        turn(matrix, target, target)
+        total = self.shrink_bands(target, threshold, weights)
+        turn(matrix.T, target, target)
         return total
+
+    def shrink_bands(self, cube: np.ndarray, threshold: float, weights: np.ndarray | None = None) -> float:
+        """As ``shrink`` for a cube of spectral coefficients, band-major (K, M, N): one pass over it, a band at a time in cache."""
+        from recon import wavelet_kernels as kernels
+
+        factors = np.ones(cube.shape[0]) if weights is None else np.asarray(weights, np.float64)
+        sums = np.zeros(cube.shape[0])
+        limits = (threshold * factors).astype(cube.dtype)
+        threads.run(kernels.shrink_bands, cube.shape[0], cube, *filter_pair(self.wavelet, cube.dtype), self.level, limits, sums)
+        return float(factors @ sums)
 
     def _padded(self, cube: np.ndarray) -> np.ndarray:
         array = np.asarray(cube)
@@ -148,26 +160,13 @@ class Kronecker(Config):
             return None
         return self.picture if out is None or out.shape[:2] == self.picture else None
 
-    def _spectral(
-        self, cube: np.ndarray, *, analyse: bool, synthesise: bool, threshold: float = -1.0, weights: np.ndarray | None = None
-    ) -> float:
-        """Transform a band-major cube (K, M, N) along wavelength in place, thresholding between the two transforms."""
-        if isinstance(self.spectral, Cosine) and weights is None:
-            return _cosine(cube, analyse=analyse, synthesise=synthesise, threshold=threshold)
-        matrix = self.spectral.matrix(cube.shape[0], cube.dtype)
-        if analyse and synthesise:
-            return turn_and_shrink(matrix, cube, threshold * (np.ones(len(matrix)) if weights is None else np.asarray(weights)), threshold)
-        turn(matrix if analyse else np.ascontiguousarray(matrix.T), cube, cube)
-        return 0.0
-
     def _wavelet(self, source: np.ndarray, target: np.ndarray, *, forward: bool) -> None:
         from recon import wavelet_kernels as kernels
 
         if self.level == 0 and source is target:
             return
         kernel = kernels.analysis_bands if forward else kernels.synthesis_bands
-        filters = (filter_pair if forward else interleaved_pair)(self.wavelet, target.dtype)
-        threads.run(kernel, source.shape[0], source, *filters, self.level, target)
+        threads.run(kernel, source.shape[0], source, *filter_pair(self.wavelet, target.dtype), self.level, target)
 
     def _arrays(self, value: np.ndarray, out: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         array = np.asarray(value)
@@ -214,24 +213,3 @@ def filter_pair(name: str, dtype: Any) -> tuple[np.ndarray, int]:
     low, high = _filters(name)
     pair = np.pad(np.stack([low, high]), ((0, 0), (0, -low.size % 4)))
     return pair.astype(dtype), low.size
-
-
-@lru_cache(maxsize=64)
-def interleaved_pair(name: str, dtype: Any) -> tuple[np.ndarray, int]:
-    """Return the synthesis filters as even and odd phase (2, taps), low and high interleaved, and the true length."""
-    pair, length = filter_pair(name, dtype)
-    return np.stack([pair[:, 0::2].T.ravel(), pair[:, 1::2].T.ravel()]), length
-
-
-def _cosine(cube: np.ndarray, *, analyse: bool, synthesise: bool, threshold: float = -1.0) -> float:
-    """Transform a band-major cube (K, M, N) along wavelength in place; see ``cosine_tiles``."""
-    from recon import wavelet_kernels as kernels
-
-    flat = cube.reshape(cube.shape[0], -1)
-    matrix = cosine_matrix(cube.shape[0], cube.dtype)
-    even = np.ascontiguousarray(matrix[0::2, : -(-cube.shape[0] // 2)])
-    odd = np.ascontiguousarray(matrix[1::2, : cube.shape[0] // 2])
-    tiles = -(-flat.shape[1] // kernels.TILE)
-    sums = np.zeros(tiles)
-    threads.run(kernels.cosine_tiles, tiles, even, odd, flat, flat, analyse, threshold, synthesise, sums)
-    return float(sums.sum())

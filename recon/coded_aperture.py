@@ -7,8 +7,11 @@ import numpy as np
 from recon import aperture_kernels as kernels
 from recon import threads
 from recon.errors import InputError
+from recon.turning import packed_halves
 
 DENSE_LIMIT = 2**27  # entries of a dense H: 1 GiB of float64
+KEPT = ("masks", "response", "first_column", "taps", "mosaic", "width", "dtype", "gray", "spectral")
+LINE = 64  # bytes of a cache line
 
 
 def shift_taps(shift_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -49,6 +52,8 @@ class CodedAperture:
         width: W, sensor columns; None: the least that holds every band, N + K - 1 in the paper's model.
         dtype: float32 or float64, of the arrays that forward and adjoint return.
         gray: allow masks between 0 and 1.
+        spectral: orthonormal (K, K): cubes then hold the coefficients ``spectral f`` of every pixel's spectrum in place of its
+            bands, and H is ``H (I x spectral^T)`` (theory.md (S.16)); None: bands.
 
     Raises:
         InputError: for a wrong shape or value; field ``masks`` with "camera sees nothing" when H = 0.
@@ -65,6 +70,7 @@ class CodedAperture:
         width: int | None = None,
         dtype: Any = np.float64,
         gray: bool = False,
+        spectral: np.ndarray | None = None,
     ) -> None:
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         if self.dtype not in (np.dtype(np.float32), np.dtype(np.float64)):
@@ -80,7 +86,8 @@ class CodedAperture:
         self.in_shape = (rows, columns, bands)
         self.out_shape = (shots, 1 if mosaic is not None else curves, rows, self.width)
         self._require_light()
-        self._arguments = self._kernel_arguments(self.dtype)
+        self.spectral = None if spectral is None else _checked_spectral(spectral, self.in_shape[2])
+        self._optics = optics(self, self.masks, self.response, self.taps)
 
     @property
     def one_tap(self) -> bool:
@@ -99,28 +106,34 @@ class CodedAperture:
 
     def forward(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Photograph a cube (M, N, K) into frames (L, C, M, W)."""
-        cube = as_array(x, self.in_shape, self.dtype, "x")
+        cube = by_band(as_array(x, self.in_shape, self.dtype, "x"))
         frames = result(out, self.out_shape, self.dtype)
-        threads.run(kernels.forward_rows, self.in_shape[0], cube.transpose(2, 0, 1), *self._arguments, frames)
+        target = np.ascontiguousarray(frames)
+        threads.run(kernels.forward_rows, self.in_shape[0], cube, self._optics, target)
+        if target is not frames:
+            frames[...] = target
         return frames
 
     def adjoint(self, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Spread frames (L, C, M, W) back over the voxels that they saw; band-major memory unless ``out`` is given."""
-        frames = as_array(y, self.out_shape, self.dtype, "y")
+        frames = np.ascontiguousarray(as_array(y, self.out_shape, self.dtype, "y"))
         if out is None:
             out = empty_cube(self.in_shape, self.dtype)
         cube = result(out, self.in_shape, self.dtype)
-        threads.run(kernels.adjoint_rows, self.in_shape[0], frames, *self._arguments, cube.transpose(2, 0, 1))
+        target = by_band(cube)
+        threads.run(kernels.adjoint_rows, self.in_shape[0], frames, self._optics, target)
+        if not np.shares_memory(target, cube):
+            cube[...] = target.transpose(1, 2, 0)
         return cube
 
     def descend(self, x: np.ndarray, old: np.ndarray, seen_old: np.ndarray, beta: float, step: float, frames: np.ndarray) -> float:
-        """Take FISTA's gradient step in one pass over the rows.
+        """Take FISTA's gradient step in one pass over the rows of band-major cubes.
 
         Sets ``old = y + step H^T (g - H y)`` with ``y = x + beta (x - old)``, ``seen_old = H x``, and returns ``||g - H x||^2``.
         """
         real, sums = self.dtype.type, np.zeros(self.in_shape[0])
         cubes = (x.transpose(2, 0, 1), old.transpose(2, 0, 1))
-        arguments = (*cubes, seen_old, real(beta), real(step), frames, *self._arguments, sums)
+        arguments = (*cubes, seen_old, real(beta), real(step), frames, self._optics, sums)
         threads.run(kernels.descend_rows, self.in_shape[0], *arguments)
         return float(sums.sum())
 
@@ -133,7 +146,9 @@ class CodedAperture:
         count = max(0, last - first)
         out = np.zeros((count, self.measurements, self.measurements, self.width))
         if 0 <= offset < self.taps.shape[1] and count:
-            masks, *rest = self._kernel_arguments(np.dtype(np.float64), slice(first, last))
+            tile, tile_of = mosaic_tile(self.response, self.mosaic, self.in_shape[0])
+            masks = np.ascontiguousarray(self.masks[:, rows])
+            rest = (self.response, tile, tile_of[rows], self.first_column, self.taps)
             threads.run(kernels.gram_rows, count, offset, masks, *rest, out)
         return out
 
@@ -141,6 +156,8 @@ class CodedAperture:
         """Return H as a SciPy CSR array; rows: sensor row fastest, then column, channel, shot; columns: row, column, band."""
         from scipy.sparse import coo_array
 
+        if self.spectral is not None:
+            raise InputError("sparse", "spectral coefficients", "of cubes that hold bands (spectral=None)")
         shots, channels, rows, width = self.out_shape
         columns, bands = self.in_shape[1:]
         l, c, m, n, k, t = np.ogrid[:shots, :channels, :rows, :columns, :bands, : self.taps.shape[1]]
@@ -172,7 +189,7 @@ class CodedAperture:
 
     def replace(self, **changes: Any) -> "CodedAperture":
         """Return a copy with some of the constructor's arguments changed."""
-        kept = {name: getattr(self, name) for name in ("masks", "response", "first_column", "taps", "mosaic", "width", "dtype", "gray")}
+        kept = {name: getattr(self, name) for name in KEPT}
         return CodedAperture(**(kept | changes))
 
     def normalised(self) -> tuple["CodedAperture", float]:
@@ -201,16 +218,38 @@ class CodedAperture:
                 f"such that a band lands on the sensor's columns 0..{self.width - 1}: the camera sees nothing",
             )
 
-    def _kernel_arguments(self, dtype: np.dtype[Any], rows: slice = slice(None)) -> tuple[np.ndarray, ...]:
-        tile, tile_of = mosaic_tile(self.response, self.mosaic, self.in_shape[0])
-        masks = np.ascontiguousarray(self.masks[:, rows], dtype)
-        return masks, self.response.astype(dtype), tile.astype(dtype), tile_of[rows], self.first_column, self.taps.astype(dtype)
-
 
 def empty_cube(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
-    """Allocate a cube of logical shape (M, N, K) in band-major memory (K, M, N)."""
+    """Allocate a cube of logical shape (M, N, K) in band-major memory (K, M, N) that begins at a cache line."""
     rows, columns, bands = shape
-    return np.empty((bands, rows, columns), dtype).transpose(1, 2, 0)
+    kind = np.dtype(dtype)
+    memory = np.empty(bands * rows * columns * kind.itemsize + LINE, np.uint8)
+    first = -memory.ctypes.data % LINE
+    whole = memory[first : first + bands * rows * columns * kind.itemsize].view(kind)
+    return whole.reshape(bands, rows, columns).transpose(1, 2, 0)
+
+
+def by_band(cube: np.ndarray) -> np.ndarray:
+    """Return a cube (M, N, K) as (K, M, N) with contiguous rows: a view where it can be, else a copy."""
+    bands = cube.transpose(2, 0, 1)
+    return bands if bands.strides[2] == bands.itemsize or bands.shape[2] == 1 else np.ascontiguousarray(bands)
+
+
+def optics(
+    camera: "CodedAperture", masks: np.ndarray, response: np.ndarray, taps: np.ndarray, tiles: tuple[np.ndarray, np.ndarray] | None = None
+) -> kernels.Optics:
+    """Return what the kernels need of a camera, in its type, with other masks, response and taps perhaps.
+
+    ``tiles``: ``mosaic_tile`` of that response; None: made here.
+    """
+    tile, tile_of = mosaic_tile(response, camera.mosaic, camera.in_shape[0]) if tiles is None else tiles
+    real, around = camera.dtype, kernels.BLOCK
+    if tile.size:
+        behind = kernels.row_step(camera.width) - camera.width + around
+        tile = np.pad(tile, ((0, 0), (0, 0), (around, behind)))
+    masks, response, tile, taps = (np.ascontiguousarray(a, real) for a in (masks, response, tile, taps))
+    even, odd, even_back, odd_back = packed_halves(camera.spectral, real)
+    return kernels.Optics(masks, response, tile, tile_of, camera.first_column, taps, even, odd, even_back, odd_back)
 
 
 def mosaic_tile(response: np.ndarray, mosaic: np.ndarray | None, rows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -273,6 +312,13 @@ def _checked_bands(response: np.ndarray, first_column: np.ndarray, taps: np.ndar
         used = np.argmax(weights != 0, axis=1)
         return chi, first + used, np.take_along_axis(weights, used[:, None], axis=1)
     return chi, first, weights
+
+
+def _checked_spectral(matrix: np.ndarray, bands: int) -> np.ndarray:
+    values = np.ascontiguousarray(matrix, np.float64)
+    if values.shape != (bands, bands) or not np.abs(values @ values.T - np.eye(bands)).max() < 1e-5:
+        raise InputError("spectral", values.shape, f"an orthonormal matrix of shape {(bands, bands)}")
+    return values
 
 
 def checked_width(width: int) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from recon import aperture_kernels, threads
-from recon.coded_aperture import CodedAperture, mosaic_tile
+from recon.coded_aperture import CodedAperture, mosaic_tile, optics
 from recon.field_aperture import FieldAperture
 from recon.gram import known_gram
 from recon.operator import LinearOperator, RowWeighted, norm_squared
@@ -90,8 +90,9 @@ class BlockStep:
         blocks = PixelBlocks(operator, masks, response, weights)
         inverse = blocks.inverse(rho, operator.dtype, notes)
         self.notes = tuple(notes)
-        arrays = (np.ascontiguousarray(a, operator.dtype) for a in (merged, masks, response, blocks.tile))
-        self._arguments = (*arrays, blocks.tile_of, operator.first_column, inverse)
+        ones = np.ones((response.shape[1], 1))
+        seen = optics(operator, masks, response, ones, (blocks.tile, blocks.tile_of))
+        self._arguments = (np.ascontiguousarray(merged, operator.dtype), seen, inverse)
         self._sums = np.zeros((operator.in_shape[0], 4))
 
     def advance(self, z: np.ndarray, w: np.ndarray, x: np.ndarray, relax: float, ratio: float = 1.0) -> Sums:

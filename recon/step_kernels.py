@@ -10,35 +10,151 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from recon.aperture_kernels import FAST, _add_product, _add_scaled
+from recon.aperture_kernels import (
+    FAST,
+    _add_product,
+    mask_row,
+    read_row,
+    return_row,
+    row_step,
+    see_row,
+    to_bands,
+    to_coefficients,
+)  # fmt: skip
+from recon.simd import add, fma, load, load_some, mul, splat, store, store_some, sub, total
+from recon.spectral_kernels import BLOCK, aligned, copy_some, per_vector
 
 
-@njit(nogil=True, fastmath=FAST, forceinline=True)
-def _relax(z: Any, w: Any, x: Any, relax: Any) -> float:
-    """Raise ``z`` by ``relax (w - x)`` and return ``||w - x||^2``."""
-    gap = np.zeros(1, x.dtype)[0]
-    for n in range(z.size):
-        delta = w[n] - x[n]
-        gap += delta * delta
-        z[n] += relax * delta
+@njit(nogil=True, cache=True)
+def _relax_row(z: Any, w: Any, x: Any, m: int, relax: Any, step: int, out: Any) -> float:
+    """Set row m of every band in ``out`` (``step`` apart) to ``z + relax (w - x)``, zeros behind; returns ``||w - x||^2``."""
+    bands, columns, n = z.shape[0], z.shape[2], per_vector(z)
+    zb, wb, xb = z.strides[0] // z.itemsize, w.strides[0] // w.itemsize, x.strides[0] // x.itemsize
+    zl, wl, xl = z.strides[1] // z.itemsize, w.strides[1] // w.itemsize, x.strides[1] // x.itemsize
+    factor, gap = splat(relax), 0.0
+    for k in range(bands):
+        p, q, r = k * zb + m * zl, k * wb + m * wl, k * xb + m * xl
+        square = splat(z.dtype.type(0))
+        for j in range(0, columns, n):
+            if j + n <= columns:
+                delta = sub(load(w, q + j), load(x, r + j))
+                here = load(z, p + j)
+            else:
+                delta = sub(load_some(w, q + j, columns - j), load_some(x, r + j, columns - j))
+                here = load_some(z, p + j, columns - j)
+            square = fma(delta, delta, square)
+            store(out, k * step + j, fma(factor, delta, here))
+        gap += total(square)
     return gap
 
 
-@njit(nogil=True, fastmath=FAST, forceinline=True)
-def _finish(z: Any, step: Any, x: Any, w: Any, ratio: Any) -> tuple[float, float, float]:
-    """Set ``x = z + step``, ``z = x - ratio step`` and ``w = 2 x - z``; return the squares of x's change, of x and of the step."""
-    zero = np.zeros(1, x.dtype)[0]
-    change, size, moved = zero, zero, zero
-    for n in range(z.size):
-        new = z[n] + step[n]
-        delta = new - x[n]
-        change += delta * delta
-        size += new * new
-        moved += step[n] * step[n]
-        x[n] = new
-        z[n] = new - ratio * step[n]
-        w[n] = new + ratio * step[n]
-    return change, size, moved
+@njit(nogil=True, cache=True)
+def _finish_row(z: Any, w: Any, x: Any, m: int, ratio: Any, step: int, before: Any, moved: Any, sums: Any) -> None:
+    """Set row m of ``x = before + moved``, ``z = x - ratio moved`` and ``w = 2 x - z``.
+
+    ``before`` and ``moved`` hold the row of every band, ``step`` apart. ``sums[m, 1:]`` gets the
+    squares of x's change, of x and of ``moved``.
+    """
+    bands, columns, n = z.shape[0], z.shape[2], per_vector(z)
+    zb, wb, xb = z.strides[0] // z.itemsize, w.strides[0] // w.itemsize, x.strides[0] // x.itemsize
+    zl, wl, xl = z.strides[1] // z.itemsize, w.strides[1] // w.itemsize, x.strides[1] // x.itemsize
+    factor = splat(ratio)
+    change = size = length = 0.0
+    for k in range(bands):
+        p, q, r = k * zb + m * zl, k * wb + m * wl, k * xb + m * xl
+        a = b = c = splat(z.dtype.type(0))
+        for j in range(0, columns, n):
+            by = load(moved, k * step + j)
+            new = add(load(before, k * step + j), by)
+            more = mul(factor, by)
+            if j + n <= columns:
+                delta = sub(new, load(x, r + j))
+                store(x, r + j, new)
+                store(z, p + j, sub(new, more))
+                store(w, q + j, add(new, more))
+            else:
+                delta = sub(new, load_some(x, r + j, columns - j))
+                store_some(x, r + j, new, columns - j)
+                store_some(z, p + j, sub(new, more), columns - j)
+                store_some(w, q + j, add(new, more), columns - j)
+            a, b, c = fma(delta, delta, a), fma(new, new, b), fma(by, by, c)
+        change += total(a)
+        size += total(b)
+        length += total(c)
+    sums[m, 1], sums[m, 2], sums[m, 3] = change, size, length
+
+
+@njit(nogil=True, cache=True)
+def _apply_inverse(inverse: Any, m: int, width: int, frames: int, left: Any, there: int, out: Any) -> None:
+    """Set ``out[s] = sum_q B[s, q] left[q]`` for the packed symmetric blocks of sensor row m; rows are ``there`` apart."""
+    n = per_vector(left)
+    row = m * inverse.shape[1] * width
+    for j in range(0, width, n):
+        for s in range(frames):
+            sum_ = splat(left.dtype.type(0))
+            for q in range(frames):
+                p = s * (s + 1) // 2 + q if q <= s else q * (q + 1) // 2 + s
+                sum_ = fma(load_some(inverse, row + p * width + j, width - j), load(left, q * there + BLOCK + j), sum_)
+            store(out, s * there + BLOCK + j, sum_)
+
+
+@njit(nogil=True, cache=True)
+def advance_rows(
+    first: int, last: int, z: Any, w: Any, x: Any, relax: Any, frames: Any, optics: Any, inverse: Any, ratio: Any, sums: Any
+) -> None:
+    """One half of a Douglas-Rachford iteration on the rows ``first..last``: ``z += relax (w - x); x = P(z); w = 2 x - z``.
+
+    ``ratio`` rescales ``z - x`` to the next threshold. ``sums[m]`` gets the squared norms of w - x (before), of x's
+    change, of x and of x - z.
+    """
+    bands, columns, width = z.shape[0], z.shape[2], frames.shape[3]
+    step, there, n = row_step(columns), row_step(width) + 2 * BLOCK, per_vector(z)
+    count, across = frames.shape[0] * frames.shape[1], frames.shape[2] * width
+    spectral = optics.even.shape[0] > 0
+    raw, made = aligned(bands * step, z), aligned((bands + 8) * BLOCK, z)
+    turned = aligned(bands * step, z) if spectral else raw
+    masked, mask = aligned(bands * (step + 2 * BLOCK), z), aligned(frames.shape[0] * step, z)
+    left, weight, back = aligned(count * there, z), aligned(count * there, z), aligned(bands * step, z)
+    moved = aligned((bands + 8) * step, z) if spectral else back
+    for m in range(first, last):
+        sums[m, 0] = _relax_row(z, w, x, m, relax, step, raw)
+        if spectral:
+            to_bands(optics, raw, step, bands, made, turned)
+        see_row(optics, m, turned, step, width, left, masked)
+        for s in range(count):
+            to, at = s * there + BLOCK, s * across + m * width
+            for j in range(0, width, n):
+                store(left, to + j, sub(load_some(frames, at + j, width - j), load(left, to + j)))
+        _apply_inverse(inverse, m, width, count, left, there, weight)
+        mask_row(optics, m, step, mask)
+        return_row(optics, m, weight, step, width, mask, back)
+        if spectral:
+            to_coefficients(optics, back, step, bands, made, moved)
+        _finish_row(z, w, x, m, ratio, step, raw, moved, sums)
+
+
+@njit(nogil=True, cache=True)
+def relax_rows(first: int, last: int, z: Any, w: Any, x: Any, relax: Any, sums: Any) -> None:
+    """First half of ``advance_rows`` for the other data steps: ``z += relax (w - x)``."""
+    bands, columns = z.shape[0], z.shape[2]
+    step = row_step(columns)
+    band, line = z.strides[0] // z.itemsize, z.strides[1] // z.itemsize
+    raw = aligned(bands * step, z)
+    for m in range(first, last):
+        sums[m, 0] = _relax_row(z, w, x, m, relax, step, raw)
+        for k in range(bands):
+            copy_some(raw, k * step, columns, z, k * band + m * line)
+
+
+@njit(nogil=True, cache=True)
+def finish_rows(first: int, last: int, z: Any, step: Any, x: Any, w: Any, ratio: Any, sums: Any) -> None:
+    """Second half of ``advance_rows`` for the other data steps: ``x = z + step`` and ``w = 2 x - z``; ``w`` may be ``step``."""
+    apart = row_step(z.shape[2])
+    before, moved = aligned(z.shape[0] * apart, z), aligned(z.shape[0] * apart, z)
+    for m in range(first, last):
+        read_row(z, m, apart, before)
+        read_row(step, m, apart, moved)
+        _finish_row(z, w, x, m, ratio, apart, before, moved, sums)
 
 
 @njit(nogil=True, forceinline=True)
@@ -46,136 +162,6 @@ def _copy(source: Any, out: Any) -> None:
     """Copy a row (numba's own slice assignment takes seconds to compile)."""
     for j in range(out.size):
         out[j] = source[j]
-
-
-@njit(nogil=True, fastmath=FAST, cache=True)
-def _apply_inverse(inverse: Any, left: Any, out: Any) -> None:
-    """Set ``out[s] = sum_q B[s, q] left[q]`` for the packed symmetric blocks of one sensor row."""
-    size, width = left.shape
-    for s in range(size):
-        total = out[s]
-        total[:] = 0
-        q = 0
-        while q + 4 <= size:
-            p0, p1, p2, p3 = _packed(s, q), _packed(s, q + 1), _packed(s, q + 2), _packed(s, q + 3)
-            _add_products4(inverse[p0], left[q], inverse[p1], left[q + 1], inverse[p2], left[q + 2], inverse[p3], left[q + 3], total)
-            q += 4
-        while q < size:
-            block, rest = inverse[_packed(s, q)], left[q]
-            for j in range(width):
-                total[j] += block[j] * rest[j]
-            q += 1
-
-
-@njit(nogil=True, forceinline=True)
-def _packed(s: int, q: int) -> int:
-    """Return where entry (s, q) of a symmetric block is stored."""
-    return s * (s + 1) // 2 + q if q <= s else q * (q + 1) // 2 + s
-
-
-@njit(nogil=True, fastmath=FAST, forceinline=True)
-def _add_products4(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, out: Any) -> None:
-    """Raise ``out`` by ``a b + c d + e f + g h``."""
-    for j in range(out.size):
-        out[j] += a[j] * b[j] + c[j] * d[j] + e[j] * f[j] + g[j] * h[j]
-
-
-@njit(nogil=True, cache=True, fastmath=FAST)
-def advance_rows(
-    first: int, last: int, z: Any, w: Any, x: Any, relax: Any, frames: Any, masks: Any, response: Any, tile: Any, tile_of: Any,
-    start: Any, inverse: Any, ratio: Any, sums: Any,
-) -> None:  # fmt: skip
-    """One half of a Douglas-Rachford iteration on the rows ``first..last``: ``z += relax (w - x); x = P(z); w = 2 x - z``.
-
-    ``ratio`` rescales ``z - x`` to the next threshold. ``sums[m]`` gets the squared norms of w - x (before), of x's
-    change, of x and of x - z.
-    """
-    bands, columns, width = z.shape[0], z.shape[2], frames.shape[3]
-    shots, channels = frames.shape[0], frames.shape[1]
-    one = np.ones(1, z.dtype)[0]
-    seen = np.empty(columns, z.dtype)
-    back = np.empty(columns, z.dtype)
-    left = np.empty((shots * channels, width), z.dtype)
-    weight = np.empty((shots * channels, width), z.dtype)
-    for m in range(first, last):
-        gap = 0.0
-        for l in range(shots):
-            for c in range(channels):
-                _copy(frames[l, c, m], left[l * channels + c])
-        for k in range(bands):
-            shift = start[k]
-            a = min(max(0, -shift), columns)
-            b = max(a, min(columns, width - shift))
-            row, wrow, xrow = z[k, m], w[k, m], x[k, m]
-            gap += _relax(row, wrow, xrow, relax)
-            for l in range(shots):
-                mask = masks[l, m]
-                if tile.shape[0] == 0 and channels == 1:
-                    _add_product(-response[0, k], mask[a:b], row[a:b], left[l, a + shift : b + shift])
-                    continue
-                for n in range(columns):
-                    seen[n] = mask[n] * row[n]
-                if tile.shape[0] > 0:
-                    _add_product(-one, tile[tile_of[m], k, a + shift : b + shift], seen[a:b], left[l, a + shift : b + shift])
-                else:
-                    for c in range(channels):
-                        _add_scaled(-response[c, k], seen[a:b], left[l * channels + c, a + shift : b + shift])
-        _apply_inverse(inverse[m], left, weight)
-        change = 0.0
-        size = 0.0
-        moved = 0.0
-        for k in range(bands):
-            shift = start[k]
-            a = min(max(0, -shift), columns)
-            b = max(a, min(columns, width - shift))
-            row, wrow, xrow = z[k, m], w[k, m], x[k, m]
-            seen[:] = 0
-            for l in range(shots):
-                mask = masks[l, m]
-                if tile.shape[0] == 0 and channels == 1:
-                    _add_product(response[0, k], mask[a:b], weight[l, a + shift : b + shift], seen[a:b])
-                    continue
-                back[:] = 0
-                if tile.shape[0] > 0:
-                    _add_product(one, tile[tile_of[m], k, a + shift : b + shift], weight[l, a + shift : b + shift], back[a:b])
-                else:
-                    for c in range(channels):
-                        _add_scaled(response[c, k], weight[l * channels + c, a + shift : b + shift], back[a:b])
-                for n in range(columns):
-                    seen[n] += mask[n] * back[n]
-            delta, total, step = _finish(row, seen, xrow, wrow, ratio)
-            change += delta
-            size += total
-            moved += step
-        sums[m, 0] = gap
-        sums[m, 1] = change
-        sums[m, 2] = size
-        sums[m, 3] = moved
-
-
-@njit(nogil=True, cache=True, fastmath=FAST)
-def relax_rows(first: int, last: int, z: Any, w: Any, x: Any, relax: Any, sums: Any) -> None:
-    """First half of ``advance_rows`` for the other data steps: ``z += relax (w - x)``."""
-    for m in range(first, last):
-        gap = 0.0
-        for k in range(z.shape[0]):
-            gap += _relax(z[k, m], w[k, m], x[k, m], relax)
-        sums[m, 0] = gap
-
-
-@njit(nogil=True, cache=True, fastmath=FAST)
-def finish_rows(first: int, last: int, z: Any, step: Any, x: Any, w: Any, ratio: Any, sums: Any) -> None:
-    """Second half of ``advance_rows`` for the other data steps: ``x = z + step`` and ``w = 2 x - z``; ``w`` may be ``step``."""
-    for m in range(first, last):
-        change, size, moved = 0.0, 0.0, 0.0
-        for k in range(z.shape[0]):
-            a, b, c = _finish(z[k, m], step[k, m], x[k, m], w[k, m], ratio)
-            change += a
-            size += b
-            moved += c
-        sums[m, 1] = change
-        sums[m, 2] = size
-        sums[m, 3] = moved
 
 
 @njit(nogil=True, cache=True, fastmath=FAST)
