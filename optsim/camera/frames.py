@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from optsim.camera.band_model import BandModel
+from optsim.camera.frames_form import FIELD, check_form
 from optsim.cube import Bands
 from optsim.errors import InputError
 
@@ -20,7 +21,6 @@ READABLE = ("optsim-frames-1", FORMAT)
 
 REQUIRED = ("frames", "mask", "response", "shift_px", "first_column", "tap")
 OPTIONAL = ("first_row", "mirror", "pixel_gain", "layer_bin")
-FIELD = ("wavelength", "field_y", "field_x")
 UNITS = ("relative", "electron", "DN")
 CHANNEL_NAMES = {1: ("sensor",), 3: ("red", "green", "blue")}
 
@@ -95,18 +95,18 @@ def check_frames(frames: xr.Dataset) -> None:
     """
     if frames.attrs.get("format") not in READABLE:
         raise InputError("format", frames.attrs.get("format"), " or ".join(repr(name) for name in READABLE))
-    for name in (*REQUIRED, *OPTIONAL):
-        if name in OPTIONAL and name not in frames:
-            continue
+    for name in REQUIRED:
         if name not in frames:
             raise InputError(name, sorted(map(str, frames.data_vars)), "a variable of the file")
+    check_form(frames)
+    for name in (*REQUIRED, *OPTIONAL):
+        if name not in frames:
+            continue
         if not np.isfinite(frames[name].values).all():
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(frames[name].values))[0])
             raise InputError(name, "not finite", f"finite everywhere; first bad index is {where}")
     if frames.attrs.get("units") not in UNITS:
         raise InputError("units", frames.attrs.get("units"), f"one of {', '.join(UNITS)}")
-    if frames["frames"].dims != ("shot", "channel", "y", "x"):
-        raise InputError("frames.dims", frames["frames"].dims, "('shot', 'channel', 'y', 'x')")
 
 
 def band_model_of(frames: xr.Dataset) -> BandModel:
