@@ -183,4 +183,13 @@ def largest_eigenvalue(operator: LinearOperator) -> float:
     inner, _, weights = unweighted(operator, np.zeros(operator.out_shape))
     if isinstance(inner, CodedAperture) and inner.one_tap:
         return PixelBlocks(inner, inner.masks, inner.response * inner.taps[:, 0], weights).largest()
-    return 1.05 * norm_squared(operator)
+    return 1.05 * norm_squared(in_bands(operator))
+
+
+def in_bands(operator: LinearOperator) -> LinearOperator:
+    """Return the operator for cubes of bands when it is one for coefficients: its norm is the same, the power method's start better."""
+    if isinstance(operator, RowWeighted):
+        return RowWeighted(in_bands(operator.operator), operator.weights)
+    if isinstance(operator, CodedAperture) and operator.spectral is not None:
+        return operator.replace(spectral=None)
+    return operator

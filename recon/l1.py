@@ -73,6 +73,11 @@ class L1Penalty:
         self._margin = Margin(basis, shape, dtype)
 
     @property
+    def weights(self) -> np.ndarray | None:
+        """Return the factor of each spectral coefficient, or None."""
+        return self._weights
+
+    @property
     def weighted(self) -> bool:
         """Tell whether the coefficients have weights."""
         return self._weights is not None

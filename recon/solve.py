@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from recon import coordinates
 from recon import threads as pool
 from recon.adapted import Adapted, adapted
 from recon.coded_aperture import CodedAperture, empty_cube
@@ -71,7 +72,7 @@ def reconstruct(
             value, choice = _resolved(tau, operator, frames, prior, noise, nonnegative)
             first = problem.start if choice is None or choice.start is None or start is not None else _inner(choice.start, problem)
             problem = replace(problem, tau=problem.inner_tau(value), start=first)
-        return _solution(operator, problem, solver.solve(problem, on_iteration), choice, began)
+        return _solution(operator, problem, coordinates.solve(problem, solver, on_iteration), choice, began)
 
 
 def default_solver(tau: "float | TauRule | None" = None) -> Solver:
