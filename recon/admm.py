@@ -1,16 +1,19 @@
 """ADMM for Eq. 4 with the exact data step (theory.md (S.13))."""
 
 import math
+from dataclasses import replace
 from typing import ClassVar
 
 from pydantic import Field
 
 from recon.config import Config
-from recon.data_step import DataStep, data_step
+from recon.data_step import DataStep, data_step, largest_eigenvalue
+from recon.nonnegative import Bound
 from recon.problem import Found, OnIteration, Problem, blank, edge_cases
 from recon.solution import Stop
 from recon.splitting import Levels, Limits, State, project, split
 
+BOUND_RHO = 0.1  # of the largest eigenvalue of H^T H: rho of the splitting at tau = 0
 LEVELS = Levels(start=3.0, end=0.6, decay=0.6 ** (1 / 20), hold=20)  # each new level costs new blocks, so it is held
 
 
@@ -40,9 +43,11 @@ class Admm(Config):
         tau, tau_max = problem.weight, problem.tau_max()
         if (found := edge_cases(problem, tau, tau_max, self.max_iterations)) is not None:
             return found
-        if tau == 0:
+        if tau == 0 and not problem.nonnegative:
             return least_squares(problem, tau_max)
         scale = _rms_guess(problem)
+        if tau == 0:
+            return self._bounded_least_squares(problem, tau_max, scale, on_iteration)
         steps: dict[float, DataStep] = {}
 
         def step_at(level: float) -> DataStep:
@@ -62,6 +67,21 @@ class Admm(Config):
         sparse = problem.misfit(state.sparse) + tau * value
         cube = state.sparse if problem.nonnegative or sparse <= problem.eq4(state.x, tau) else state.x
         return Found(cube, state.iterations, stop, tau, tau_max)
+
+    def _bounded_least_squares(self, problem: Problem, tau_max: float | None, scale: float, on_iteration: OnIteration | None) -> Found:
+        """Minimise ``||g - H f||^2`` over f >= 0; the answer depends neither on the level nor on rho."""
+        bounded = replace(problem, penalty=Bound())
+        step = data_step(problem.operator, problem.exact_frames, BOUND_RHO * self.gamma * largest_eigenvalue(problem.operator))
+
+        def report(state: State) -> None:
+            if on_iteration is not None:
+                on_iteration(state.iterations, problem.misfit(state.sparse) * problem.light**2)
+
+        limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
+        state, stop = split(bounded, lambda level: step, Levels(1, 1, 1), self.relax, limits, scale, report)
+        bounded.penalty.shrink(state.sparse, 0.0)
+        reason = f"tau = 0: the unregularised least-squares cube without negative values; {stop.reason}"
+        return Found(state.sparse, state.iterations, Stop(reason, stop.converged), 0.0, tau_max, step.notes)
 
 
 def least_squares(problem: Problem, tau_max: float | None) -> Found:
