@@ -128,7 +128,7 @@ def warm_up(dtype: Any = np.float32) -> None:
     thread of its own while something else runs.
     """
     from recon.admm import Admm
-    from recon.tau import tune
+    from recon.tau import Given, tune
 
     masks = np.indices((1, 8, 8)).sum(0) % 2
     for spread in (1, 2):
@@ -136,7 +136,7 @@ def warm_up(dtype: Any = np.float32) -> None:
         camera.astype(np.float64).forward(np.ones(camera.in_shape))
         frames = camera.forward(np.ones(camera.in_shape, dtype))
         reconstruct(camera, frames, threads=1)
-        tune(camera, frames, refine=Admm(), threads=1)
+        tune(camera, frames, Given(threads=1), refine=Admm())
 
 
 def _solution(operator: LinearOperator, problem: Problem, found: Found, choice: "TauChoice | None", began: float) -> Solution:
