@@ -42,6 +42,12 @@ _HOME = {
     "Admm": "admm",
     "Fista": "fista",
     "Gpsr": "gpsr",
+    "AutoTau": "tau",
+    "Discrepancy": "tau",
+    "TauFraction": "tau",
+    "Displaced": "uncertainty",
+    "ErrorEstimate": "uncertainty",
+    "estimate_error": "uncertainty",
 }
 
 __all__ = list(_HOME)
