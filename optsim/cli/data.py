@@ -36,6 +36,7 @@ def import_cube(
     wavelengths: Wavelengths = None,
     scale: Annotated[float, Parameter(help="Factor from the file's values to W m^-2 sr^-1 nm^-1.")] = 1.0,
     crop: Annotated[str | None, Parameter(help="Part of the picture: TOP,LEFT,HEIGHT,WIDTH in pixels.")] = None,
+    range_nm: Annotated[str | None, Parameter(name="--range", help="Bands to keep: LOWEST:HIGHEST centre in nm.")] = None,
 ) -> None:
     """Bring in a cube."""
     from optsim.files import import_cube as read
@@ -46,7 +47,8 @@ def import_cube(
     if not 0 < scale < float("inf"):
         raise InputError("--scale", scale, "above 0")
     centers = None if wavelengths is None else _centers(wavelengths)
-    cube = read(file, CubeImport(variable=variable, axes=_axes(axes), wavelengths_nm=centers, scale=scale, crop=_crop(crop)))
+    how = CubeImport(variable=variable, axes=_axes(axes), wavelengths_nm=centers, scale=scale, crop=_crop(crop), range_nm=_range(range_nm))
+    cube = read(file, how)
     write(cube, output)
     said = cube.attrs
     print(f"{said['source_format']}, {said['source_variable']}: {said['source_values']}, times {said['scale']:g}", file=sys.stderr)
@@ -174,6 +176,16 @@ def _crop(word: str | None) -> Crop | None:
         raise InputError("--crop", word, form)
     top, left, height, width = map(int, numbers)
     return Crop(top=top, left=left, height=height, width=width)
+
+
+def _range(word: str | None) -> tuple[float, float] | None:
+    if word is None:
+        return None
+    form = "LOWEST:HIGHEST in nm, such as 400:680"
+    numbers = _numbers("--range", word.replace(":", ","), form)
+    if len(numbers) != 2 or not 0 < numbers[0] < numbers[1]:
+        raise InputError("--range", word, form)
+    return numbers[0], numbers[1]
 
 
 def _shifts(word: str, count: int) -> np.ndarray:

@@ -48,7 +48,7 @@ def reconstruct(
     if operator == "unit-shift":
         measured = with_unit_shifts(measured)
     if solver is None:
-        exact = measured.attrs["model"] == MATCHED and measured.attrs["units"] == RELATIVE and tau is None
+        exact = measured.attrs.get("model") == MATCHED and measured.attrs["units"] == RELATIVE and tau is None
         solver = "basis-pursuit" if exact else "admm"
         why = (
             "" if exact else ", as --tau is given" if tau is not None else ", as an exact fit would amplify noise and what H does not know"

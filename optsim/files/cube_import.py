@@ -70,7 +70,7 @@ def _described(reader: Reader, source: Source, how: CubeImport) -> Found:
         found, told = found.model_copy(update={"axes": ()}), None
     if found.wavelengths or how.wavelengths_nm is not None:
         return found
-    beside = {array.name: array for array in arrays if max(array.shape) == np.prod(array.shape) and array.shape[0] > 0}
+    beside = {array.name: array for array in arrays if max(array.shape) == np.prod(array.shape) and max(array.shape) in found.shape}
     told = told or next((beside[name] for name in KNOWN_WAVELENGTHS if name in beside), None)
     if told is None or told.size > 80_000:
         return found

@@ -48,6 +48,11 @@ def as_cube(source: Source, found: Found, values: np.ndarray, how: CubeImport) -
     values = _cropped(values, how.crop)
     values = _scaled(source, found, values, how.scale, reverse)
     order = np.argsort(centers, kind="stable")
+    if how.range_nm is not None:
+        order = order[(centers[order] >= how.range_nm[0]) & (centers[order] <= how.range_nm[1])]
+        if order.size < 2:
+            kept = f"around at least two of the file's bands, {centers.min():g} to {centers.max():g} nm"
+            raise InputError("--range", how.range_nm, kept)
     if order.size < 2 or np.any(np.diff(centers[order]) <= 0):
         raise InputError("--wavelengths", centers.tolist()[:8], "at least two, all different, in nm")
     attrs = {
@@ -58,7 +63,7 @@ def as_cube(source: Source, found: Found, values: np.ndarray, how: CubeImport) -
         "source_values": found.quantity or "as in the file",
         "scale": how.scale,
     }
-    values = values if np.array_equal(order, np.arange(order.size)) else values[:, :, order]
+    values = values if np.array_equal(order, np.arange(centers.size)) else values[:, :, order]
     return make_cube(values, Bands.from_centers(centers[order]), attrs=attrs)
 
 

@@ -49,6 +49,7 @@ class CubeImport(BaseModel):
         scale: factor from the file's values to W m^-2 sr^-1 nm^-1, above 0. Reflectances become the radiance under an
             equal-energy light that makes white as bright as this.
         crop: part of the picture; None: all of it.
+        range_nm: lowest and highest band centre to keep, in nm; None: all bands.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -58,3 +59,4 @@ class CubeImport(BaseModel):
     wavelengths_nm: tuple[Annotated[float, Field(gt=0)], ...] | None = None
     scale: Annotated[float, Field(gt=0)] = 1.0
     crop: Crop | None = None
+    range_nm: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = None

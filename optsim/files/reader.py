@@ -31,8 +31,8 @@ EXPANSION = 1000
 SPARE = 256 << 20
 """A dark picture is compressed more than that."""
 PATIENCE_S = 4.0
-"""Wall seconds for each of the two requests, beyond a second for each 20 MB declared."""
-BYTES_PER_S = 20e6
+"""Wall seconds for each of the two requests, beyond a second for each 10 MB declared."""
+BYTES_PER_S = 10e6
 CPU_S = 30
 HANDLE = re.compile(r"'/dev/fd/\d+'|<_io\.BufferedReader name=\d+>")
 """How a decoder names what it was given."""

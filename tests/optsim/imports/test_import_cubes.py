@@ -260,6 +260,14 @@ def test_the_scale_is_applied_once_and_noted(tmp_path, reader):
     assert found.attrs["scale"] == 2.5
 
 
+def test_a_range_keeps_the_bands_inside_it(tmp_path, reader):
+    scipy.io.savemat(tmp_path / "a.mat", {"img": cube()[:, :, ::-1]})
+    found = imported(tmp_path / "a.mat", reader, wavelengths_nm=tuple(NM[::-1]), range_nm=(460, 490))
+    same(found, cube()[:, :, 1:3], NM[1:3])
+    with pytest.raises(InputError, match="--range"):
+        imported(tmp_path / "a.mat", reader, wavelengths_nm=tuple(NM), range_nm=(460, 475))
+
+
 @pytest.mark.parametrize("suffix", [".nc", ".exr"])
 def test_the_verb_import_writes_a_cube_that_every_stage_reads(tmp_path, capsys, suffix):
     np.save(tmp_path / "c.npy", cube()[::-1])
@@ -278,6 +286,7 @@ def test_the_verb_import_writes_a_cube_that_every_stage_reads(tmp_path, capsys, 
         (["--wavelengths", "nan,1,2,3"], "--wavelengths"),
         (["--crop", "0,0,9,9"], "--crop"),
         (["--scale", "0"], "--scale"),
+        (["--range", "700"], "--range"),
         (["--variable", "other"], "--variable"),
     ],
 )
