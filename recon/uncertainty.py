@@ -1,4 +1,4 @@
-"""How wrong is every voxel? The estimate, displaced and photographed again, tells (theory.md (S.60) to (S.63))."""
+"""How wrong is every voxel? The estimate, displaced and photographed again, tells (theory.md (S.82) to (S.85))."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choosing tau: as a fraction of tau_max, from pixels held out, or from known noise (theory.md (S.37), (S.58))."""
+"""Choosing tau: as a fraction of tau_max, from pixels held out, or from known noise (theory.md (S.37), (S.80))."""
 
 from recon.tau.choice import Given, TauChoice, TauFraction, TauRule, tau_max
 from recon.tau.discrepancy import Discrepancy

@@ -1,4 +1,4 @@
-"""Tau from known noise: the discrepancy principle (theory.md (S.58); Morozov 1966, Hall and Titterington 1987)."""
+"""Tau from known noise: the discrepancy principle (theory.md (S.80); Morozov 1966, Hall and Titterington 1987)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PROBE = 0.3
 
 
 class Discrepancy(Config):
-    """Take the largest tau whose answer leaves no more of the frames unexplained than their noise would (theory.md (S.58)).
+    """Take the largest tau whose answer leaves no more of the frames unexplained than their noise would (theory.md (S.80)).
 
     tau falls along a path until the sum of ``(g - H f)^2 / variance`` is as large as the noise leaves it: the number of measurements
     less the degrees of freedom that the answer spends on them. Then tau is interpolated; smaller values are never solved.
@@ -122,7 +122,7 @@ class _Ruler:
         return misfit / (1 - (float(np.clip(np.mean(freedom), 0.0, 0.999)) if freedom else 0.0))
 
     def _freedom(self, solution: Solution, seen: np.ndarray) -> float:
-        """Return the share of a little added noise that the answer follows, by one random probe (theory.md (S.59))."""
+        """Return the share of a little added noise that the answer follows, by one random probe (theory.md (S.81))."""
         signs = self._draw.choice(np.array([-1.0, 1.0]), self._frames.shape)
         about = self._given
         moved = reconstruct(
