@@ -35,7 +35,7 @@ DEPTH = 16
 """Emissions counted at most, in every route."""
 GOALS = {"color-checker": 100.0, "relief": 15.0, "glass": 8.0, "dispersive glass": 3.0}
 """Least ratio of the route that the scene takes by itself."""
-TRUTH = 16
+TRUTH = 6
 """How many times the samples of a route the two long renders have."""
 PARTINGS = ((1, 1), (4, 4), (8, 8), (16, 16), (24, 24), (1000, 16), (1000, 1000))
 

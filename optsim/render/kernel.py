@@ -53,7 +53,8 @@ def trace(integrator: Integrator, rays: CameraRays, size: tuple[int, int], sampl
     told = np.zeros((integrator.tallies, pixels))
     step = max(1, VALUES_A_TILE // (width * len(total))) * width
     shift = seed_words(*key, 0)
-    with dr.suspend_grad():
+    once = dr.scoped_set_flag(dr.JitFlag.OptimizeLoops, False)  # loops inside loops are else traced 2, 4, 8 times: half of a short pass
+    with dr.suspend_grad(), once:
         for first in range(0, pixels, step):
             here = slice(first, min(first + step, pixels))
             counts = samples.counts[here]
