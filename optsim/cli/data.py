@@ -84,13 +84,13 @@ def import_measurement(
 
     writable(output, source=frames)
     bands, order = _bands(wavelengths)
+    shift_px = _shifts(shifts, bands.count)[order]
+    chi = None if response is None else _response(response, bands.count)[:, order]
     stack_axes = None if axes is None else tuple(word.strip() for word in axes.split(","))
     with Reader() as reader:
         values = read_pictures(frames, FRAME_NAMES, variable=variable, axes=stack_axes, reader=reader)
         masks = _unit_masks(read_pictures(mask, MASK_NAMES, variable=mask_variable, reader=reader))
         mosaic = None if cfa is None else _mosaic(read_pictures(cfa, ("cfa", "mosaic"), reader=reader))
-    shift_px = _shifts(shifts, bands.count)[order]
-    chi = None if response is None else _response(response, bands.count)[:, order]
     attrs = {"offset": offset, "source_frames": frames.name, "source_mask": mask.name}
     measured = frames_from(values, masks, shift_px, bands, response=chi, mosaic=mosaic, attrs=attrs)
     write(measured, output)

@@ -143,7 +143,7 @@ def test_masks_and_frames_as_pictures_stacks_and_lists_are_brought_in(tmp_path):
 def test_a_step_alone_counts_from_the_band_that_falls_leftmost(tmp_path):
     np.save(tmp_path / "f.npy", np.ones((M, N + 8)))
     np.save(tmp_path / "m.npy", mask()[0])
-    for step, expected in (("2", 2.0 * np.arange(K)), ("-2", 8 - 2.0 * np.arange(K)), ("1.5", 1.5 * np.arange(K))):
+    for step, expected in (("-2", 8 - 2.0 * np.arange(K)), ("1.5", 1.5 * np.arange(K))):
         words = ["import-measurement", str(tmp_path / "f.npy"), "--mask", str(tmp_path / "m.npy"), "--shifts", step]
         assert _code([*words, "--wavelengths", ",".join(map(str, NM)), "-o", str(tmp_path / "o.nc")]) == 0
         np.testing.assert_array_equal(read(tmp_path / "o.nc")["shift_px"].values, expected)

@@ -44,7 +44,7 @@ def elements(data, at):
         at += 8 if small else 8 + (length + 7) // 8 * 8
 
 
-@pytest.mark.parametrize("tag", [0, 8, 10, 11, 14, 16, 19, 20, 21, 100, 0xFFFF])
+@pytest.mark.parametrize("tag", [0, 8, 14, 20, 0xFFFF])
 def test_I5_a_wrong_tag_in_a_matlab_variable_is_refused_and_the_next_file_is_read(tmp_path, reader, tag):
     path = tmp_path / "tag.mat"
     data = bytearray(matlab5(path, cube=np.random.default_rng(0).random((3, 5, 4))))
@@ -83,10 +83,10 @@ def compressed(path, matrix):
 
 def test_I5_a_zlib_bomb_is_refused(tmp_path, reader):
     path = tmp_path / "bomb.mat"
-    assert compressed(path, matlab5(path, cube=np.zeros((1000, 1000, 16)))[128:]) > 1000
+    assert compressed(path, matlab5(path, cube=np.zeros((500, 500, 16)))[128:]) > 1000
     refused(path, reader, r"bomb\.mat:cube.*plausible")
     path = tmp_path / "hidden.mat"  # behind an array of 480 bytes
-    assert compressed(path, matlab5(path, cube=np.zeros((3, 5, 4)))[128:] + bytes(100_000_000)) > 1000
+    assert compressed(path, matlab5(path, cube=np.zeros((3, 5, 4)))[128:] + bytes(30_000_000)) > 1000
     refused(path, reader, r"hidden\.mat:cube")
 
 
