@@ -87,17 +87,21 @@ def _down_columns(source: Any, rows: Any, first: int, weights: Any, columns: int
     """Filter the rows ``first ..`` into a low and a high one, each split: ``halves`` gets low even, low odd, high even, high odd."""
     n, taps = per_vector(source), weights.shape[1]
     low, high = _four(weights, 0), _four(weights, 1)
-    nothing = splat(weights.dtype.type(0))
     p, q, r, s = rows[first], rows[first + 1], rows[first + 2], rows[first + 3]
     for j in range(0, columns, 2 * n):
         i = PAD + j // 2
-        if taps == 4 and j + 2 * n <= columns:
+        if j + 2 * n <= columns:
             u, v, x, y = load(source, p + j), load(source, q + j), load(source, r + j), load(source, s + j)
             a, c = _sum4(low, u, v, x, y), _sum4(high, u, v, x, y)
             u, v, x, y = load(source, p + j + n), load(source, q + j + n), load(source, r + j + n), load(source, s + j + n)
             b, d = _sum4(low, u, v, x, y), _sum4(high, u, v, x, y)
+            for t in range(4, taps):
+                at = rows[first + t] + j
+                u, v = load(source, at), load(source, at + n)
+                f, g = splat(weights[0, t]), splat(weights[1, t])
+                a, b, c, d = fma(f, u, a), fma(f, v, b), fma(g, u, c), fma(g, v, d)
         else:
-            a = b = c = d = nothing
+            a = b = c = d = splat(weights.dtype.type(0))
             for t in range(taps):
                 at = rows[first + t] + j
                 u, v = load_some(source, at, columns - j), load_some(source, at + n, columns - j - n)
@@ -144,17 +148,20 @@ def _up_columns(source: Any, rows: Any, first: int, weights: Any, half: int, qua
     """Join the pairs of low and high rows ``first, first - 2, ..`` to two rows: ``quarters`` gets low and high columns of either."""
     n, taps = per_vector(source), weights.shape[1]
     low, high = _four(weights, 0), _four(weights, 1)
-    nothing = splat(weights.dtype.type(0))
     p, q, r, s = rows[first], rows[first + 1], rows[first - 2], rows[first - 1]
     for side in range(2):
         for j in range(0, half, n):
             at = side * half + j
-            if taps == 4 and j + n <= half:
+            if j + n <= half:
                 u, v, x, y = load(source, p + at), load(source, q + at), load(source, r + at), load(source, s + at)
                 a = fma(high[2], y, fma(low[2], x, fma(high[0], v, mul(low[0], u))))
                 b = fma(high[3], y, fma(low[3], x, fma(high[1], v, mul(low[1], u))))
+                for t in range(4, taps, 2):
+                    u, v = load(source, rows[first - t] + at), load(source, rows[first - t + 1] + at)
+                    a = fma(splat(weights[1, t]), v, fma(splat(weights[0, t]), u, a))
+                    b = fma(splat(weights[1, t + 1]), v, fma(splat(weights[0, t + 1]), u, b))
             else:
-                a = b = nothing
+                a = b = splat(weights.dtype.type(0))
                 for t in range(0, taps, 2):
                     u, v = load_some(source, rows[first - t] + at, half - j), load_some(source, rows[first - t + 1] + at, half - j)
                     a = fma(splat(weights[1, t]), v, fma(splat(weights[0, t]), u, a))
