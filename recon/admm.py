@@ -11,7 +11,7 @@ from recon.data_step import DataStep, data_step, largest_eigenvalue
 from recon.nonnegative import Bound
 from recon.problem import Found, OnIteration, Problem, blank, edge_cases
 from recon.solution import Stop
-from recon.splitting import Levels, Limits, State, project, split
+from recon.splitting import Levels, Limits, State, levels_for, project, split
 
 BOUND_RHO = 0.1  # of the largest eigenvalue of H^T H: rho of the splitting at tau = 0
 LEVELS = Levels(start=3.0, end=0.6, decay=0.6 ** (1 / 20), hold=20)  # each new level costs new blocks, so it is held
@@ -60,7 +60,8 @@ class Admm(Config):
             if on_iteration is not None:
                 on_iteration(state.iterations, (problem.misfit(state.sparse) + tau * state.value) * problem.light**2)
 
-        levels = Levels(LEVELS.start * self.gamma, LEVELS.end * self.gamma, LEVELS.decay, LEVELS.hold)
+        rule = levels_for(problem.penalty, LEVELS)
+        levels = Levels(rule.start * self.gamma, rule.end * self.gamma, rule.decay, LEVELS.hold)
         limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
         state, stop = split(problem, step_at, levels, self.relax, limits, scale, report)
         value = problem.penalty.shrink(state.sparse, state.level)

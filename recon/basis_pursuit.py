@@ -8,9 +8,10 @@ from recon.coded_aperture import CodedAperture
 from recon.config import Config
 from recon.data_step import data_step
 from recon.field_aperture import FieldAperture
+from recon.precision import check_step
 from recon.problem import Found, OnIteration, Problem, first_guess
 from recon.solution import Stop
-from recon.splitting import Levels, Limits, State, project, split
+from recon.splitting import Levels, Limits, State, levels_for, project, split
 
 
 class BasisPursuit(Config):
@@ -41,7 +42,8 @@ class BasisPursuit(Config):
         if self.max_iterations == 0:
             return first_guess(problem, None, None)
         step = data_step(problem.operator, problem.exact_frames, 0.0, mixed=True)
-        rule = Levels()
+        check_step(problem.frames.dtype, step.condition)
+        rule = levels_for(problem.penalty, Levels())
         levels = Levels(rule.start * self.gamma, rule.end * self.gamma, rule.decay)
 
         def report(state: State) -> None:

@@ -62,6 +62,7 @@ class MixturePenalty:
 
     def __init__(self, parts: list[Penalty], shares: tuple[float, ...], rounds: int, accuracy: float) -> None:
         self._parts, self._shares, self._rounds, self._accuracy = parts, shares, rounds, accuracy
+        self.levels = next((known for part in parts if (known := getattr(part, "levels", None)) is not None), None)
         self._duals: list[np.ndarray] = []
         self._threshold = 0.0
 

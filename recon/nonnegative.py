@@ -41,6 +41,7 @@ class NonNegative:
 
     def __init__(self, inner: Penalty) -> None:
         self.inner = inner
+        self.levels = getattr(inner, "levels", None)
         self._multiplier: np.ndarray | None = None
         self._threshold = 0.0
 

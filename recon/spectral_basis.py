@@ -18,7 +18,7 @@ FAINTEST = 1e-3  # strengths below this part of the largest count as this part: 
 
 @runtime_checkable
 class SpectralBasis(Protocol):
-    """An orthonormal K x K matrix for spectra of K bands; row q is the q-th basis spectrum."""
+    """An orthonormal K x K matrix for spectra of K bands; row q is the q-th basis spectrum, and weights say how rare it is."""
 
     def matrix(self, bands: int, dtype: Any) -> np.ndarray:
         """Return the matrix (K, K).
@@ -28,6 +28,10 @@ class SpectralBasis(Protocol):
         """
         ...
 
+    def weights(self, bands: int, power: float = 0.5) -> tuple[float, ...]:
+        """Return ``(strength[0] / strength[q])^power``, K numbers from 1 up: what spectra have less of costs more (theory.md (S.61))."""
+        ...
+
 
 class Cosine(Config):
     """The orthonormal DCT-II along wavelength, the paper's (theory.md (S.7))."""
@@ -35,6 +39,15 @@ class Cosine(Config):
     def matrix(self, bands: int, dtype: Any) -> np.ndarray:
         """Return the cosines (K, K), the slowest first."""
         return cosine_matrix(bands, np.dtype(dtype).name)
+
+    def weights(self, bands: int, power: float = 0.5) -> tuple[float, ...]:
+        """See ``SpectralBasis.weights``; strengths fall as ``(1 + q)^-2``, as those of natural reflectances do.
+
+        Args:
+            bands: K.
+            power: 0 treats all alike, 1 scales every coefficient to the same strength; 0 to 2.
+        """
+        return _relative_weights((1.0 + np.arange(bands)) ** -2, power)
 
 
 class Learned(Config):
@@ -72,19 +85,15 @@ class Learned(Config):
             raise InputError("Learned", bands, f"used with the {len(self.rows)} bands that it was learned for")
         return _rows(self.rows, np.dtype(dtype).name)
 
-    def weights(self, power: float = 0.5, faintest: float = FAINTEST) -> tuple[float, ...]:
-        """Return ``(strength[0] / strength[q])^power``: what the library has less of costs more (theory.md (S.61)).
+    def weights(self, bands: int, power: float = 0.5) -> tuple[float, ...]:
+        """See ``SpectralBasis.weights``; strengths below 1e-3 of the largest count as 1e-3: a library doesn't know them.
 
         Args:
+            bands: K, that of the library.
             power: 0 treats all alike, 1 scales every coefficient to the same strength; 0 to 2.
-            faintest: strengths below this part of the largest count as this part, of (0, 1].
         """
-        if not 0 <= power <= 2:
-            raise InputError("power", power, "of [0, 2]")
-        if not 0 < faintest <= 1:
-            raise InputError("faintest", faintest, "of (0, 1]")
-        relative = np.maximum(np.array(self.strengths) / self.strengths[0], faintest)
-        return tuple(float(w) for w in relative**-power)
+        self.matrix(bands, np.float64)
+        return _relative_weights(np.array(self.strengths), power)
 
 
 def learned(samples: np.ndarray) -> Learned:
@@ -107,6 +116,12 @@ def learned(samples: np.ndarray) -> Learned:
     largest = vt[np.arange(len(vt)), np.abs(vt).argmax(1)]
     vt = vt * np.where(largest < 0, -1.0, 1.0)[:, None]  # the sign of a singular vector is arbitrary: fixed, so that bytes are too
     return Learned(rows=tuple(tuple(map(float, row)) for row in vt), strengths=tuple(map(float, strengths)))
+
+
+def _relative_weights(strengths: np.ndarray, power: float) -> tuple[float, ...]:
+    if not 0 <= power <= 2:
+        raise InputError("power", power, "of [0, 2]")
+    return tuple(float(w) for w in np.maximum(strengths / strengths[0], FAINTEST) ** -power)
 
 
 @lru_cache(maxsize=64)

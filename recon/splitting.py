@@ -15,6 +15,7 @@ import numpy as np
 
 from recon.coded_aperture import empty_cube
 from recon.data_step import DataStep, Sums
+from recon.prior import Penalty
 from recon.problem import Problem
 from recon.solution import Stop
 
@@ -31,6 +32,12 @@ class Levels:
     def after(self, iteration: int) -> float:
         """Return the level that iteration + 1 uses."""
         return max(self.end, self.start * self.decay ** (iteration // self.hold * self.hold))
+
+
+def levels_for(penalty: Penalty, default: Levels) -> Levels:
+    """Return how the threshold falls best for a penalty that knows (its ``levels``), else ``default``."""
+    known = getattr(penalty, "levels", None)
+    return known if isinstance(known, Levels) else default
 
 
 @dataclass

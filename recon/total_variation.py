@@ -9,6 +9,10 @@ from recon import threads
 from recon.config import Config
 from recon.errors import InputError
 from recon.spectral_basis import Cosine, turn
+from recon.splitting import Levels
+
+LEVELS = Levels(start=2.0, end=0.03, decay=0.96)
+"""How a splitting's threshold should fall where weights differ: low enough at the end for the weakest coefficients (theory.md (S.65))."""
 
 
 class TotalVariation(Config):
@@ -35,7 +39,7 @@ class SpectralTotalVariation(Config):
 
     Args:
         spectral: an orthonormal basis along wavelength: ``Cosine()``, ``Learned``.
-        weights: one positive factor a coefficient; None: all 1. ``Learned.weights()`` makes sensible ones.
+        weights: one positive factor a coefficient; None: all 1. ``spectral.weights(K)`` makes sensible ones.
         rank: how many coefficients a cube may use: the others are 0. None: all.
         accuracy: the proximal map stops at a duality gap of this part of its objective.
         sweeps: dual iterations at most, a call. The dual stays from one call to the next, so a solve needs few.
@@ -95,6 +99,7 @@ class TvPenalty:
         rows, columns, _ = shape
         self._matrix, self._weights = matrix, weights
         self._accuracy, self._sweeps = accuracy, sweeps
+        self.levels = LEVELS if weights.max() > weights.min() else None
         self._dual = np.zeros((weights.size, 2, rows, columns), dtype)
         self._sums = np.zeros((weights.size, 3))
         self._pictures = None if matrix is None else np.empty((weights.size, rows, columns), dtype)

@@ -53,18 +53,19 @@ def test_the_scale_of_the_library_does_not_matter_and_it_survives_json(scale):
     basis = learned(spectra(20, 6))
     same = learned(spectra(20, 6) * scale)
     np.testing.assert_allclose(same.rows, basis.rows, atol=1e-12)
-    np.testing.assert_allclose(same.weights(), basis.weights(), rtol=1e-9)
+    np.testing.assert_allclose(same.weights(6), basis.weights(6), rtol=1e-9)
     assert Learned.model_validate_json(basis.model_dump_json()) == basis
 
 
 def test_weights_follow_the_strengths_and_stop_at_the_faintest():
     basis = Learned(rows=((1, 0, 0), (0, 1, 0), (0, 0, 1)), strengths=(2.0, 0.5, 0.0))
-    assert basis.weights(0) == (1, 1, 1)
-    assert basis.weights(1, 0.01) == pytest.approx((1, 4, 100))
-    assert basis.weights(0.5, 0.01) == pytest.approx((1, 2, 10))
-    for bad in ({"power": -1}, {"power": np.nan}, {"faintest": 0}, {"faintest": 2}):
-        with pytest.raises(InputError, match=r"^(power|faintest): must be"):
-            basis.weights(**bad)
+    assert basis.weights(3, 0) == (1, 1, 1)
+    assert basis.weights(3, 1) == pytest.approx((1, 4, 1000))
+    assert basis.weights(3, 0.5) == pytest.approx((1, 2, 1000**0.5))
+    assert Cosine().weights(4, 0.5) == pytest.approx((1, 2, 3, 4))
+    for power in (-1, np.nan, 3):
+        with pytest.raises(InputError, match=r"^power: must be"):
+            basis.weights(3, power)
 
 
 @pytest.mark.parametrize("bad", [np.zeros((3, 4)), np.full((3, 4), np.nan), np.ones(4), np.ones((0, 4))])

@@ -134,7 +134,7 @@ def test_the_dual_is_kept_so_that_short_calls_add_up():
 
 def test_float32_and_any_number_of_threads_agree():
     cube, library = random_cube((32, 24, 6)), learned(np.abs(random_cube((12, 6), 3)))
-    prior = SpectralTotalVariation(spectral=library, weights=library.weights())
+    prior = SpectralTotalVariation(spectral=library, weights=library.weights(6))
     seen = []
     for count in (1, 2, 3):
         with threads.use(count):
