@@ -60,7 +60,7 @@ class BandedStep:
         from recon import step_kernels
 
         self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
-        self.notes = notes
+        self.notes, self.condition = notes, 1.0
         self._operator = operator
         self._inverse = RowInverse(operator, rho, REGULAR[operator.dtype.name], weights)
         self._weights = None if weights is None else weights.astype(operator.dtype)

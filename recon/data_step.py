@@ -89,6 +89,7 @@ class BlockStep:
             weights = None if weights is None else np.broadcast_to(weights[:, :1], merged.shape)
         blocks = PixelBlocks(operator, masks, response, weights)
         inverse = blocks.inverse(rho, operator.dtype, notes)
+        self.condition = blocks.condition
         self.notes = tuple(notes)
         ones = np.ones((response.shape[1], 1))
         seen = optics(operator, masks, response, ones, (blocks.tile, blocks.tile_of))
@@ -111,6 +112,7 @@ class PixelBlocks:
         channels = 1 if operator.mosaic is not None else response.shape[0]
         self.size, self.rows, self.width = masks.shape[0] * channels, operator.in_shape[0], operator.width
         self._weights = None if weights is None else weights.reshape(self.size, self.rows, self.width)
+        self.condition = 1.0
 
     def some(self) -> Iterator[tuple[int, np.ndarray]]:
         """Go through the blocks: the first row and (rows, S, S, W)."""
@@ -126,7 +128,10 @@ class PixelBlocks:
             yield first, gram
 
     def inverse(self, rho: float, dtype: Any, notes: list[str]) -> np.ndarray:
-        """Return the packed blocks ``diag(d) (diag(d) H H^T diag(d) + rho I)^+ diag(d)``."""
+        """Return the packed blocks ``diag(d) (diag(d) H H^T diag(d) + rho I)^+ diag(d)``.
+
+        ``condition`` becomes the root mean square of the blocks' conditions, from above, eigenvalues left out not counted.
+        """
         from recon import step_kernels
 
         size, width = self.size, self.width
@@ -143,6 +148,8 @@ class PixelBlocks:
                 dropped += _pseudo_invert(gram, trust[first:last], largest, inverse[first:last])
             if (d := self._rows_of_weights(first)) is not None:
                 inverse[first:last] *= (d[:, s] * d[:, q]).astype(dtype)
+        lit = trust > 0
+        self.condition = float(np.sqrt(np.mean(np.minimum(1 / trust[lit], 1 / CUTOFF) ** 2))) if lit.any() else 1.0
         if dropped:
             notes.append(f"H H^T is ill-conditioned: {dropped} directions below {CUTOFF:g} of their pixel's largest were left out")
         return inverse
@@ -165,7 +172,10 @@ class PixelBlocks:
 
 
 def _pseudo_invert(gram: np.ndarray, trust: np.ndarray, largest: float, inverse: np.ndarray) -> int:
-    """Replace the blocks that may be singular by their pseudo-inverse; return how many small but real eigenvalues were dropped."""
+    """Replace the blocks that may be singular by their pseudo-inverse, and ``trust`` by the true ratio of kept eigenvalues.
+
+    Return how many small but real eigenvalues were dropped.
+    """
     m, j = np.nonzero(trust < 4 * CUTOFF)
     if m.size == 0:
         return 0
@@ -175,6 +185,8 @@ def _pseudo_invert(gram: np.ndarray, trust: np.ndarray, largest: float, inverse:
     block = np.einsum("bsi,bi,bqi->bsq", vector, weight, vector)
     s, q = np.tril_indices(gram.shape[1])
     inverse[m, :, j] = block[:, s, q]
+    least = np.where(kept, value, np.inf).min(1)
+    trust[m, j] = np.where(kept.any(1), least / value[:, -1], 0.0)
     return int((~kept & (value > EXACT * value[:, -1:]) & (value[:, -1:] > FAINT * largest)).sum())
 
 

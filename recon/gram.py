@@ -89,6 +89,8 @@ class BlockInverse:
         kept = value + rho > (0 if rho > 0 else np.maximum(CUTOFF * top, 1e-12 * top.max(initial=0)))
         weight = np.divide(1.0, value + rho, out=np.zeros_like(value), where=kept)
         dropped = int((~kept & (value > 1e-12 * top)).sum()) if rho == 0 else 0
+        least = np.where(kept, value + rho, np.inf).min(1)
+        self.condition = float(np.sqrt(np.mean(np.where(kept.any(1), (top[:, 0] + rho) / least, 1.0) ** 2)))
         self.notes = (f"H H^T is ill-conditioned: {dropped} directions below {CUTOFF:g} of their block's largest were left out",) * bool(
             dropped
         )

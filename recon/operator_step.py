@@ -26,10 +26,11 @@ class Sums(NamedTuple):
 class DataStep(Protocol):
     """The data half of a splitting iteration, on band-major arrays (K, M, N).
 
-    ``notes`` are sentences about the conditioning that a user should read.
+    ``notes`` are sentences about the conditioning that a user should read; ``condition`` is that of H H^T where it is known, else 1.
     """
 
     notes: tuple[str, ...]
+    condition: float
 
     def advance(self, z: np.ndarray, w: np.ndarray, x: np.ndarray, relax: float, ratio: float = 1.0) -> Sums:
         """Set ``z += relax (w - x)``, ``x = step(z)``, ``z = x + ratio (z - x)`` and ``w = 2 x - z``."""
@@ -51,6 +52,7 @@ class OperatorStep:
 
         self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
         self.notes = notes
+        self.condition: float = getattr(inverse, "condition", 1.0)
         self._operator, self._inverse = operator, inverse
         self._frames = frames.astype(operator.dtype)
         self._sums = np.zeros((operator.in_shape[0], 4))

@@ -7,7 +7,7 @@ overflows and every tolerance means the same for 1e-12 and for 1e30. Primes belo
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -114,6 +114,7 @@ def pose(
     prior: Prior | None = None,
     *,
     start: np.ndarray | None = None,
+    tau: float | None = None,
     noise: np.ndarray | None = None,
     nonnegative: bool = False,
 ) -> Problem | None:
@@ -124,6 +125,7 @@ def pose(
         frames: g.
         prior: R; None: ``L1()``.
         start: first guess (M, N, K) in the caller's units.
+        tau: weight of R in the caller's units; None: none yet.
         noise: variance of each measurement; None: all alike.
         nonnegative: add f >= 0 to the prior.
 
@@ -133,7 +135,8 @@ def pose(
     """
     own = adapted(operator)
     penalty = (L1() if prior is None else prior).bind(own.in_shape, own.dtype)
-    return prepare(own, frames, NonNegative(penalty) if nonnegative else penalty, start, noise)
+    problem = prepare(own, frames, NonNegative(penalty) if nonnegative else penalty, start, noise)
+    return problem if problem is None or tau is None else replace(problem, tau=problem.inner_tau(tau))
 
 
 def prepare(

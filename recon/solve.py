@@ -2,7 +2,6 @@
 
 import math
 import time
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,8 @@ from recon.adapted import Adapted, adapted
 from recon.coded_aperture import CodedAperture, empty_cube
 from recon.errors import InputError
 from recon.field_aperture import FieldAperture
-from recon.operator import LinearOperator, Operator, RowWeighted
+from recon.operator import LinearOperator, Operator, RowWeighted, in_precision
+from recon.precision import TooCoarse, check
 from recon.prior import Prior
 from recon.problem import Found, OnIteration, Problem, Solver, pose
 from recon.solution import Solution, Stop
@@ -39,7 +39,7 @@ def reconstruct(
 
     Args:
         operator: H: a ``CodedAperture``, or any object with in_shape, out_shape, forward and adjoint (see ``Operator``). Its
-            dtype, without one float32, is the precision of the solve.
+            dtype, without one float32, is the precision of the solve; where float32 would lose, float64 is taken and noted.
         frames: measurements of the operator's ``out_shape``, a camera's are (L, C, M, W); finite, any unit.
         prior: R; None: ``L1()``, the paper's.
         solver: a solver's configuration; None: ``BasisPursuit()``, which needs no tau, or ``Admm()`` when a tau is given.
@@ -67,12 +67,26 @@ def reconstruct(
         problem = pose(operator, frames, prior, start=start, noise=noise, nonnegative=nonnegative)
         if problem is None:
             return _dark(operator, solver, tau, time.perf_counter() - began)
-        choice = None
-        if solver.needs_tau:
-            value, choice = _resolved(tau, operator, frames, prior, noise, nonnegative)
-            first = problem.start if choice is None or choice.start is None or start is not None else _inner(choice.start, problem)
-            problem = replace(problem, tau=problem.inner_tau(value), start=first)
-        return _solution(operator, problem, coordinates.solve(problem, solver, on_iteration), choice, began)
+        value, choice = _resolved(tau, operator, frames, prior, noise, nonnegative) if solver.needs_tau else (None, None)
+        if choice is not None:
+            start = choice.start if start is None else start
+        notes: tuple[str, ...] = () if choice is None else (choice.reason,)
+        try:
+            problem = pose(operator, frames, prior, start=start, tau=value, noise=noise, nonnegative=nonnegative)
+            found = _found(problem, solver, on_iteration)
+        except TooCoarse as reason:
+            operator = in_precision(operator, np.dtype(np.float64))
+            notes += (f"solved in float64, as float32 would lose: {reason}",)
+            problem = pose(operator, frames, prior, start=start, tau=value, noise=noise, nonnegative=nonnegative)
+            found = _found(problem, solver, on_iteration)
+        assert problem is not None
+        return _solution(operator, problem, found, notes, began)
+
+
+def _found(problem: Problem | None, solver: Solver, on_iteration: OnIteration | None) -> Found:
+    assert problem is not None
+    check(problem, solver)
+    return coordinates.solve(problem, solver, on_iteration)
 
 
 def default_solver(tau: "float | TauRule | None" = None) -> Solver:
@@ -117,10 +131,6 @@ def _resolved(
     return choice.tau, choice
 
 
-def _inner(start: np.ndarray, problem: Problem) -> np.ndarray:
-    return np.asarray((np.asarray(start, np.float64) / problem.unit).astype(problem.operator.dtype))
-
-
 def warm_up(dtype: Any = np.float32) -> None:
     """Compile the kernels of all solvers on a cube of 8 x 8 x 2, so that the first real solve starts at once.
 
@@ -139,7 +149,7 @@ def warm_up(dtype: Any = np.float32) -> None:
         tune(camera, frames, Given(threads=1), refine=Admm())
 
 
-def _solution(operator: LinearOperator, problem: Problem, found: Found, choice: "TauChoice | None", began: float) -> Solution:
+def _solution(operator: LinearOperator, problem: Problem, found: Found, notes: tuple[str, ...], began: float) -> Solution:
     if problem.nonnegative:
         np.maximum(found.cube, 0, out=found.cube)
     misfit, value = problem.misfit(found.cube), problem.penalty.value(found.cube)
@@ -154,7 +164,7 @@ def _solution(operator: LinearOperator, problem: Problem, found: Found, choice: 
         seconds=time.perf_counter() - began,
         residual=math.sqrt(misfit / size),
         tau_max=None if found.tau_max is None else problem.outer_tau(found.tau_max),
-        notes=(*_notes(operator), *(() if choice is None else (choice.reason,)), *found.notes),
+        notes=(*_notes(operator), *notes, *found.notes),
     )
 
 

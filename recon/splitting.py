@@ -99,7 +99,7 @@ def split(
 
     The primal residual is ``||s - x|| / ||x||``, the dual one ``||x - x_before|| / (10 ||z - x||)``.
     """
-    state, z, w, x = _begin(problem)
+    state, z, w, x = begin(problem)
     level = levels.start * (1.0 if scale is None else scale)
     step = step_at(level)
     sums = step.advance(z, w, x, 0.0)
@@ -132,7 +132,8 @@ def project(step: DataStep, cube: np.ndarray) -> np.ndarray:
     return x.transpose(1, 2, 0)
 
 
-def _begin(problem: Problem) -> tuple[State, np.ndarray, np.ndarray, np.ndarray]:
+def begin(problem: Problem) -> tuple[State, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the state and the band-major z, w, x that ``DataStep.advance`` works on; w and x are the state's cubes."""
     shape = tuple(problem.operator.in_shape)
     cubes = [empty_cube(shape, problem.operator.dtype) for _ in range(3)]
     for cube in cubes:

@@ -192,5 +192,5 @@ def test_warming_up_compiles_what_a_solve_needs():
     from recon import step_kernels, wavelet_kernels
 
     warm_up()
-    for kernel in (step_kernels.advance_rows, wavelet_kernels.analysis_bands, wavelet_kernels.cosine_tiles):
+    for kernel in (step_kernels.advance_rows, wavelet_kernels.analysis_bands, wavelet_kernels.shrink_bands):
         assert any("float32" in str(signature) for signature in kernel.signatures)
