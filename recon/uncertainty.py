@@ -27,17 +27,19 @@ OnRepeat = Callable[[int, Solution], None]
 QUADRANTS = ((1, 1), (-1, -1), (1, -1), (-1, 1))
 FAINTEST = 1e-3  # of the rms: no voxel is believed to be better than this
 LEVELS = 1001
+GENERATIONS = 2
+"""Repeats that are photographed and reconstructed once more."""
 
 
 class Displaced(Config):
     """Estimate errors by repeating the measurement on the estimate itself, displaced by some pixels each time.
 
     Every repeat meets the masks and the wavelets at other places, so that what they lose of structures like these shows as error.
-    Where the scene has more detail than its estimate, repeats are too good: the pixels held out, of the frames and of the repeats,
-    give the factor that makes up for it.
+    Where the scene has more detail than its estimate, repeats are too good. Two factors make up for that: what the pixels held out
+    show more of error in the frames than in the repeats, and how much less error repeats of the repeats have.
 
     Args:
-        repeats: 4 to 64, each as long as a reconstruction.
+        repeats: 4 to 64, each as long as a reconstruction; four more are made besides.
         reach: largest displacement as a part of the sides, above 0 and at most 0.5.
         share: part of the detector's pixels held out, above 0 and at most 0.5.
         seed: of displacements, pixels and noise, 0 to 2^64 - 1.
@@ -56,7 +58,7 @@ class ErrorEstimate:
     Args:
         solution: the reconstruction from all data.
         error: (M, N, K) expected root mean square error of each voxel, in the cube's unit.
-        scale: factor on the repeats' error that the held-out pixels asked for, at least 1; far above it says that the scene is unlike
+        scale: factor on the repeats' error (held-out pixels, repeats of repeats), at least 1; far above it says that the scene is unlike
             its estimate.
         quantiles: of |error made| / ``error`` over the repeats, from level 0 to 1 in equal steps.
     """
@@ -116,18 +118,27 @@ def estimate_error(
     again = _solved(operator, frames, blind, solver, solution.tau, solution.cube)
     _tell(on_repeat, 1, again)
     asked = world.surprise(frames, again.cube)
-    repeats, found = [], []
+    repeats, found, grown = [], [], []
     for i in range(plan.repeats):
         step = world.displacement(i)
-        truth, seen = world.photograph(step)
+        truth, seen = world.photograph(world.cube, step)
         repeat = _solved(operator, seen, blind, solver, solution.tau)
         _tell(on_repeat, 2 + i, repeat)
         found.append(world.surprise(seen, repeat.cube))
         repeats.append(_returned(repeat.cube - truth, step))
-    scale = max(1.0, math.sqrt(asked / np.mean(found))) if np.mean(found) > 0 else 1.0
+        if i < GENERATIONS:
+            offspring, seen = world.photograph(repeat.cube, world.displacement(i + 1))
+            child = _solved(operator, seen, blind, solver, solution.tau)
+            grown.append((((repeat.cube - truth) ** 2).mean(), ((child.cube - offspring) ** 2).mean()))
+    scale = _at_least_one(asked, float(np.mean(found))) * _at_least_one(*np.mean(grown, axis=0))
     squares, counts = (np.sum(part, axis=0) for part in zip(*repeats))
     error = _smoothed(squares, counts)
     return ErrorEstimate(solution, scale * error, scale, _quantiles(repeats, squares, counts))
+
+
+def _at_least_one(above: float, below: float) -> float:
+    """Return the root of a ratio of squares, never less than 1."""
+    return max(1.0, math.sqrt(above / below)) if below > 0 else 1.0
 
 
 class _World:
@@ -140,20 +151,20 @@ class _World:
         self.held = self._draw.random(detector) < plan.share
         if self.held.all() or not self.held.any():
             self.held.flat[0] = not self.held.flat[0]
-        self._cube = solution.cube.astype(np.float64)
-        self._residual = frames - self._seen(self._cube)
+        self.cube = solution.cube.astype(np.float64)
+        self._residual = frames - self._seen(self.cube)
         self._variance = None if about.noise is None else np.broadcast_to(np.asarray(about.noise, np.float64), frames.shape)
 
     def displacement(self, number: int) -> tuple[int, int]:
         """Draw rows and columns to move by; four repeats cover all four corners."""
         signs = QUADRANTS[number % 4]
-        sides = [max(1, int(self._plan.reach * side)) if side > 1 else 0 for side in self._cube.shape[:2]]
+        sides = [max(1, int(self._plan.reach * side)) if side > 1 else 0 for side in self.cube.shape[:2]]
         down, right = (sign * int(self._draw.integers(0, side + 1)) for sign, side in zip(signs, sides))
         return down, right
 
-    def photograph(self, step: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    def photograph(self, scene: np.ndarray, step: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         """Return the displaced scene and frames of it with noise."""
-        truth = _displaced(self._cube, step)
+        truth = _displaced(scene.astype(np.float64), step)
         return truth, self._seen(truth) + self._noise()
 
     def surprise(self, frames: np.ndarray, cube: np.ndarray) -> float:

@@ -1,0 +1,130 @@
+"""Write docs/solvers.md, "which solver should I use", from what the benchmarks of tau, of errors and of solvers have measured.
+
+python -m benchmarks.solver_page [--output docs/solvers.md]
+"""
+
+# ruff: noqa: E501
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import solver_curves, tau_rules, uncertainty
+
+RULES = {
+    "held_out": ("`AutoTau()`", "plain"),
+    "discrepancy": ("`Discrepancy()`", "weighted by the noise"),
+    "morozov": ("`Discrepancy(probes=0)`", "weighted by the noise"),
+}
+
+
+def rules_table(rows: list[dict[str, Any]]) -> str:
+    """Return the distribution of losses, a line a rule."""
+    lines = [
+        "| rule | objective | cases | median | mean | 90 % below | largest | choices at an end of the path |",
+        "| " + "--- | " * 8,
+    ]
+    for rule, (name, objective) in RULES.items():
+        at = tau_rules.spread(rows, rule)
+        lines.append(
+            f"| {name} | {objective} | {at['cases']} | {at['median']:.2f} | {at['mean']:.2f} | {at['p90']:.2f} | {at['max']:.2f} | {at['edges']} |"
+        )
+    return "\n".join(lines)
+
+
+def groups_table(rows: list[dict[str, Any]]) -> str:
+    """Return mean and largest loss by sensor and light."""
+    lights = [None, 20_000, 1_000]
+    names = ["no noise", "20000 e", "1000 e"]
+    lines = ["| sensor | rule | " + " | ".join(names) + " |", "| " + "--- | " * 5]
+    for sensor in dict.fromkeys(row["sensor"] for row in rows):
+        for rule, (name, _) in list(RULES.items())[:2]:
+            cells = []
+            for well in lights:
+                losses = [row[rule]["loss_db"] for row in rows if row["sensor"] == sensor and row["well"] == well and rule in row]
+                cells.append(f"{np.mean(losses):.2f} (at most {max(losses):.2f})" if losses else "")
+            lines.append(f"| {sensor} | {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def edges(rows: list[dict[str, Any]]) -> str:
+    """Say where the best tau was an end of the grid, so that the loss is a lower bound."""
+    found = [row for row in rows for kind in ("plain", "weighted") if kind in row and row[kind]["at_edge"]]
+    quiet = sum(row["well"] is None for row in found)
+    total = sum(kind in row for row in rows for kind in ("plain", "weighted"))
+    return (
+        f"The best tau was an end of the path in {len(found)} of {total} searches ({quiet} of them without noise, where tau -> 0 is best: that is"
+        " basis pursuit); there the loss is against the best of the path."
+    )
+
+
+def page(curves: list[dict[str, Any]], rules: list[dict[str, Any]], errors: list[dict[str, Any]]) -> str:
+    """Return the document."""
+    size = rules[0]["size"]
+    return f"""# Which solver should I use?
+
+| you have | call | because |
+| --- | --- | --- |
+| frames without noise, or nearly | `reconstruct(H, g)` | basis pursuit has no tau to choose: the answer depends on no weight, no response scale, no mix of layers |
+| frames and the variance of each measurement | `reconstruct(H, g, tau=Discrepancy(), noise=variance)` | ADMM on Eq. 4 weighted by the noise; tau leaves unexplained what noise alone would |
+| frames with noise that nobody measured | `reconstruct(H, g, tau=AutoTau())` | ADMM on Eq. 4; tau from pixels that the solve does not see |
+| a better picture than the paper's prior gives | `prior=TotalVariation()`, `SpectralTotalVariation()`, `recon.quality` | docs/theory.md S tells what each assumes |
+| the paper's own method | `reconstruct(H, g, solver=Gpsr(), tau=...)` | GPSR-BB with continuation; `debias=True` and `barzilai_borwein=False` (GPSR-Basic) are there too |
+| an operator with forward and adjoint only, without the blocks of H H^T | `solver=Fista(), tau=...` | no data step to solve; ADMM works too, by conjugate gradients |
+| the wish to know how wrong each voxel is | `estimate_error(H, g, Given(noise=variance), solver=Admm(), tau=Discrepancy())` | intervals with measured coverage, for ten times the work |
+
+Everything is imported from `recon` (`Given` from `recon.tau`). This page is written by `python -m benchmarks.solver_page` from measurements that `benchmarks.tau_rules`,
+`benchmarks.uncertainty` and `benchmarks.solver_curves` keep in benchmarks/results; run them to measure again.
+
+## How fast
+
+![PSNR against seconds](figures/solver_curves.png)
+
+The colour checker, 24 bands, R = 1/8; every point is a solve of its own from zero, set-up included, in CPU seconds of one thread. Dotted lines are the
+converged answers. tau is {solver_curves.FRACTION:g} of tau_max without noise, that of `Discrepancy` with noise. Basis pursuit has an objective of its own (and no
+tau); the others share Eq. 4 and its answer. Without noise this is a small tau, hard for gradients; with noise tau is larger and everything is quicker. GPSR-BB
+with full steps is `Gpsr(monotone=False)`.
+
+{solver_curves.report(curves)}
+
+## What a tau found without ground truth costs
+
+{len(rules)} cases: sensors {", ".join(dict.fromkeys(row["sensor"] for row in rules))}; scenes {", ".join(dict.fromkeys(row["scene"] for row in rules))}; without noise and with
+wells of 20000 and 1000 electrons (10 e read noise, 12 bits); {size} x {size} mirrors, R = 1/8. The rules were set on other scenes. Loss in dB of PSNR against the best
+tau of the same objective, found with the truth on a path of half decades.
+
+{rules_table(rules)}
+
+{edges(rules)}
+
+{groups_table(rules)}
+
+## How good the error estimates are
+
+The share of voxels within the interval that `estimate_error` gives ({errors[0]["size"]} x {errors[0]["size"]} mirrors, R = 1/8, 6 repeats), the rms error that it expects over the one made, and how
+much of the true squared error lies in the tenth of the voxels that it calls worst (10 % would be no information).
+
+{uncertainty.table(errors)}
+
+Coverage is that of the whole cube. It falls short where a scene has detail that the measurement cannot show, which no repeat on the
+estimate can know; read a 95 % interval with the measured figures beside it.
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, default=Path("docs/solvers.md"))
+    options = parser.parse_args()
+    curves = json.loads(solver_curves.OUTPUT.read_text())
+    rules = json.loads(tau_rules.OUTPUT.read_text())["rows"]
+    errors = json.loads(uncertainty.OUTPUT.read_text())
+    options.output.write_text(page(curves, rules, errors), encoding="utf-8")
+    print(f"{options.output} written")
+
+
+if __name__ == "__main__":
+    main()
