@@ -57,10 +57,13 @@ class Entrant:
 
 def entrants() -> tuple[Entrant, ...]:
     """Return all solvers, the slowest last."""
+    from recon import Gap, TotalVariation
+
     pursuit = BasisPursuit(tolerance=1e-6, max_iterations=2000)
     return (
         Entrant("ADMM", Admm(tolerance=1e-9), 5, 640),
         Entrant("basis pursuit", BasisPursuit(tolerance=1e-9), 5, 640, regularised=False, goal=pursuit),
+        Entrant("GAP-TV", Gap(tolerance=1e-9), 5, 320, prior=TotalVariation(), regularised=False, goal=Gap()),
         Entrant("FISTA", Fista(tolerance=1e-9), 25, 3200),
         Entrant(REFERENCE, Gpsr(tolerance=1e-9), 50, 6400),
         Entrant("GPSR-BB, continuation, full steps", Gpsr(tolerance=1e-9, monotone=False), 50, 6400),
@@ -178,17 +181,11 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     plt.close(figure)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", type=int, default=64, help="mirrors along each side")
-    parser.add_argument("--cases", type=int, default=4, help="how many of the four cases")
-    parser.add_argument("--output", type=Path, default=OUTPUT)
-    parser.add_argument("--figure", type=Path, default=FIGURE)
-    options = parser.parse_args()
+def measure(size: int, count: int = 4, output: Path | None = None) -> list[dict[str, Any]]:
+    """Race all solvers on the first ``count`` cases; what ``output`` holds already is not run again, and it gets what is new."""
     warm_up()
-    rows: list[dict[str, Any]] = json.loads(options.output.read_text()) if options.output.exists() else []
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    for case in cases(options.size)[: options.cases]:
+    rows: list[dict[str, Any]] = json.loads(output.read_text()) if output is not None and output.exists() else []
+    for case in cases(size)[:count]:
         name = f"{case.sensor}, {case.light}, {case.size} x {case.size}"
         race = Race(case)
         if name not in [row["case"] for row in rows]:
@@ -198,8 +195,21 @@ def main() -> None:
             if entrant.name in [result["solver"] for result in results]:
                 continue
             results.append(race.run(entrant))
-            options.output.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+            if output is not None:
+                output.parent.mkdir(parents=True, exist_ok=True)
+                output.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
             print(f"{name}: {entrant.name} {results[-1]['iterations']} iterations, {results[-1]['seconds']:.2f} s", flush=True)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", type=int, default=64, help="mirrors along each side")
+    parser.add_argument("--cases", type=int, default=4, help="how many of the four cases")
+    parser.add_argument("--output", type=Path, default=OUTPUT)
+    parser.add_argument("--figure", type=Path, default=FIGURE)
+    options = parser.parse_args()
+    rows = measure(options.size, options.cases, options.output)
     draw(rows, options.figure)
     print(report(rows))
 
