@@ -130,11 +130,12 @@ class FlatPicture:
         shown[self._pixel[slice(*np.searchsorted(self._pixel, [first, last]))] - first] = -2
         for number, (group, light) in enumerate(self._lights):
             value, off = self._integral(light.unhidden, seen, self._limits[group])
-            sent += self._spread(seen, value, group, first, last)
-            error += self._spread(seen, off, group, first, last)
-            lost, unsure = self._shadowed(number, first, shown)
-            sent -= lost
-            error += unsure
+            place = seen.cells.pixel - first
+            sent += self._spread(place, seen.row, value, group, last - first)
+            error += self._spread(place, seen.row, off, group, last - first)
+            rows, lost, unsure = self._shadowed(number, first, shown)
+            sent[rows] -= lost
+            error[rows] += unsure
         sent = np.maximum(sent, 0)
         return Strip(first, sent, error + ROUNDING * sent)
 
@@ -191,36 +192,36 @@ class FlatPicture:
             found[rough], off[rough] = np.bincount(owner, finer, len(rough)), np.bincount(owner, unsure, len(rough))
         return found, off
 
-    def _spread(self, seen: Seen, value: np.ndarray, group: int, first: int, last: int) -> np.ndarray:
-        """Turn irradiance times area on cells into radiance of pixels."""
+    def _spread(self, pixel: np.ndarray, row: np.ndarray, value: np.ndarray, group: int, count: int) -> np.ndarray:
+        """Turn irradiance times area on cells, with their pixels and rows of the table, into radiance of ``count`` pixels."""
         table = self._tables[group]
-        pixel, shape = seen.cells.pixel - first, (last - first, len(table))
+        shape = (count, len(table))
         if shape[0] * shape[1] <= DENSE_VALUES:
-            return np.bincount(pixel * shape[1] + seen.row, value / np.pi, shape[0] * shape[1]).reshape(shape) @ table
+            return np.bincount(pixel * shape[1] + row, value / np.pi, shape[0] * shape[1]).reshape(shape) @ table
         from scipy.sparse import csr_array
 
-        return csr_array((value / np.pi, (pixel, seen.row)), shape=shape) @ table
+        return csr_array((value / np.pi, (pixel, row)), shape=shape) @ table
 
-    def _shadowed(self, number: int, first: int, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what shadows take from the pixels of a strip, and how far that may be off."""
+    def _shadowed(self, number: int, first: int, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return which pixels of a strip lie in shadow (r,), what it takes from them (r, K), and how far that may be off (r, K)."""
         light = self._lights[number][1]
-        none = np.zeros((len(shown), len(self._mean)))
         limit = SHADOW_SHARE * self.settings.tolerance * self._mean
-        before = none
+        before, touched = np.zeros((0, 0)), np.zeros(len(shown), bool)
         for order in SHADOW_ORDERS:
-            shadows = self._shadows_of(number, order)
-            if all(s.empty for s in shadows):
-                return none, none
-            lost, unsure = none, none
-            for one in shadows:
-                more, off = self._lost(one, number, first, shown)
-                lost, unsure = lost + more, unsure + off
-            if light.own < 0:
-                return lost, unsure
-            off = np.abs(lost - before)
-            size = np.sqrt(np.mean(off**2, 0))
+            lost, unsure = np.zeros((2, len(shown), len(self._mean)))
+            for one in self._shadows_of(number, order):
+                if not one.empty:
+                    here, more, off = self._lost(one, number, first, shown)
+                    lost[here] += more
+                    unsure[here] += off
+                    touched[here] = True
+            rows = np.flatnonzero(touched)
+            if light.own < 0 or all(one.empty for one in self._shadows_of(number, order)):
+                return rows, lost[rows], unsure[rows]
+            off = np.abs(lost[rows] - before[rows]) if order > 1 else lost[rows]
+            size = np.sqrt(np.sum(off**2, 0) / len(shown))
             if order > 1 and np.all(size <= limit):
-                return lost, off + unsure
+                return rows, lost[rows], off + unsure[rows]
             if order > 2 and np.any(size * (order / SHADOW_ORDERS[-1]) ** 2 > limit):
                 break
             before = lost
@@ -239,18 +240,21 @@ class FlatPicture:
             self._shadows[number, order] = made
         return self._shadows[number, order]
 
-    def _lost(self, shadows: Shadows, number: int, first: int, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _lost(self, shadows: Shadows, number: int, first: int, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the same of the shadows from one point."""
         last = first + len(shown)
         touched = shadows.touched(first, last, shown)
         if not len(touched):
-            return np.zeros((len(shown), len(self._mean))), np.zeros((len(shown), len(self._mean)))
+            return touched, *np.zeros((2, 0, len(self._mean)))
         seen = self._view.seen(self._cells(first, last, touched, shadows))
         seen = seen.take(shadows.on(seen))
         group = self._lights[number][0]
         value, off = self._integral(
             lambda places, face: shadows.point.irradiance(places, self._view.normal[face][:, None, :]), seen, self._limits[group]
         )
-        return self._spread(seen, value, group, first, last), self._spread(seen, off, group, first, last)
+        pixels, place = np.unique(seen.cells.pixel, return_inverse=True)
+        lost, unsure = (self._spread(place, seen.row, x, group, len(pixels)) for x in (value, off))
+        return pixels - first, lost, unsure
 
     def _mean_level(self, count: int) -> np.ndarray:
         """Return the mean radiance of each band, from a few points of the picture, no shadows: what errors are relative to."""
