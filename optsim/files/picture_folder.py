@@ -80,7 +80,7 @@ def _gray(values: np.ndarray, path: Path) -> np.ndarray:
     """Return one channel of a picture whose colours are all the same (one scene of CAVE is stored so)."""
     if values.ndim == 2:
         return values.astype(np.float64)
-    if np.any(values[..., 1:3] != values[..., :1]):
+    if values.shape[2] > 2 and np.any(values[..., 1:3] != values[..., :1]):
         raise InputError(f"{path.name}:channels", "colours", "gray: red, green and blue the same")
     return values[..., 0].astype(np.float64)
 

@@ -98,7 +98,7 @@ class Reader:
         child = self._running(source)
         child.lift(MEMORY + 4 * found.size)
         header = self._ask(child, source, {"do": "read", "name": found.name, "cpu_s": int(patience) + CPU_S}, patience, field)
-        told = (tuple(header.get("shape", ())), header.get("dtype"), header.get("bytes"))
+        told = (_listed(header.get("shape")), header.get("dtype"), header.get("bytes"))
         if told != (found.shape, found.dtype, found.size):
             self.close()
             raise InputError(field, f"{told[1]} {told[0]}", f"{found.dtype} {found.shape}, as the file's header says")
@@ -158,7 +158,7 @@ class Reader:
             except (OSError, ValueError) as error:
                 raise self._ended(child, source, field, error) from None
         if "refused" in answer:
-            inner, value, allowed = (str(part)[:500] for part in answer["refused"])
+            inner, value, allowed = [str(part)[:500] for part in (*_listed(answer["refused"]), "", "", "")][:3]
             raise InputError(f"{source.name}:{inner}", value, allowed)
         if "failed" in answer:
             said = HANDLE.sub("the file", str(answer["failed"])[:500])
@@ -169,6 +169,11 @@ class Reader:
         how = "it took too long" if isinstance(error, TimeoutError) else child.cause()
         self.close()
         return InputError(field, how, f"readable as {source.title}")
+
+
+def _listed(value: object) -> tuple[object, ...]:
+    """Return what should be a list, and nothing if it is none: the child is not believed."""
+    return tuple(value) if isinstance(value, list) else ()
 
 
 def plausible(source: Source, found: Found) -> None:

@@ -21,6 +21,7 @@ MODES: dict[str, tuple[str, int]] = {
     "L": ("|u1", 1),
     "I;16": ("<u2", 1),
     "I": ("<u2", 1),
+    "LA": ("|u1", 2),
     "RGB": ("|u1", 3),
     "RGBA": ("|u1", 4),
 }
@@ -52,6 +53,9 @@ def _opened(files: Sequence[IO[bytes]]) -> Image:
     picture = Image.open(file, formats=["PNG"])
     if picture.mode not in MODES:
         raise InputError("mode", picture.mode, f"one of {', '.join(MODES)}")
+    raw = str(picture.tile[0][3]) if picture.tile else ""
+    if MODES[picture.mode][1] > 1 and "16" in raw:
+        raise InputError("mode", raw, "gray, or colour of 8 bits: Pillow keeps 8 of the 16 bits of a colour")
     if getattr(picture, "n_frames", 1) != 1:
         raise InputError("frames", picture.n_frames, "1: one picture, not an animation")  # type: ignore[attr-defined]
     return picture

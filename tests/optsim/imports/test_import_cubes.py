@@ -1,5 +1,7 @@
 """Foreign cubes come in with the right axes, wavelengths and numbers, judged by other writers."""
 
+import struct
+import zlib
 from pathlib import Path
 
 import h5py
@@ -186,6 +188,18 @@ def test_a_cave_folder_is_400_to_700_nm_of_full_scale_1(tmp_path, reader):
 def test_the_cave_scene_that_is_stored_as_gray_colours_of_8_bits_is_read_too(tmp_path, reader):
     values = np.random.default_rng(5).integers(0, 256, (4, 6, 31)).astype(np.uint8)
     same(imported(cave_folder(tmp_path / "w", values, "RGBA"), reader), (values / 255).astype(np.float32), np.arange(400, 701, 10))
+
+
+def test_a_picture_with_a_transparent_layer_is_gray_and_colours_of_16_bits_are_refused(tmp_path, reader):
+    values = np.random.default_rng(8).integers(0, 256, (4, 6, 31)).astype(np.uint8)
+    same(imported(cave_folder(tmp_path / "la", values, "LA"), reader), (values / 255).astype(np.float32), np.arange(400, 701, 10))
+    folder = cave_folder(tmp_path / "c", values)
+    rows = b"".join(b"\0" + bytes(6 * 6) for _ in range(4))
+    chunks = ((b"IHDR", struct.pack(">IIBBBBB", 6, 4, 16, 2, 0, 0, 0)), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+    data = b"".join(struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks)
+    (folder / "beads_ms_03.png").write_bytes(b"\x89PNG\r\n\x1a\n" + data)
+    with pytest.raises(InputError, match=r"beads_ms_03.*8 of the 16 bits"):
+        imported(folder, reader)
 
 
 def test_a_folder_with_a_missing_coloured_or_damaged_picture_is_refused_by_name(tmp_path, reader):

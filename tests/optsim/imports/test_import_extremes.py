@@ -171,3 +171,55 @@ def test_a_child_that_is_killed_is_named_and_started_again(tmp_path, reader):
     reader._child._process.kill()
     reader._child._process.wait()
     assert import_cube(tmp_path / "c.npy", how, reader)["radiance"].shape == (2, 3, 4)
+
+
+class Liar:
+    """Stands for a child that a file has taken over."""
+
+    alive = True
+
+    def __init__(self, *answers):
+        self._answers = list(answers)
+
+    def ask(self, request, files, patience_s):
+        return self._answers.pop(0)
+
+    def receive(self, values, patience_s):
+        raise ConnectionResetError
+
+    def lift(self, memory):
+        pass
+
+    def cause(self):
+        return "reader stopped"
+
+    def close(self):
+        pass
+
+
+GOOD = {"name": "array", "shape": [2, 3, 4], "dtype": "<f8"}
+
+
+@pytest.mark.parametrize(
+    "answers",
+    [
+        [{}],
+        [{"found": "x"}],
+        [{"found": [{**GOOD, "shape": [-2, 3, 4]}]}],
+        [{"found": [{**GOOD, "dtype": "|O"}]}],
+        [{"found": [{**GOOD, "dtype": "<f8", "extra": 1}]}],
+        [{"found": [{**GOOD, "shape": [2**40, 3, 4]}]}],
+        [{"refused": None}],
+        [{"refused": ["a"]}],
+        [{"failed": {"x": 1}}],
+        [{"found": [GOOD]}, {"shape": [2, 3, 5], "dtype": "<f8", "bytes": 240}],
+        [{"found": [GOOD]}, {"shape": 7, "dtype": "<f8", "bytes": 192}],
+        [{"found": [GOOD]}, {"shape": [2, 3, 4], "dtype": "<f8", "bytes": 192}],
+    ],
+)
+def test_a_child_that_lies_is_refused_with_the_files_name(tmp_path, answers):
+    np.save(tmp_path / "c.npy", np.ones((2, 3, 4)))
+    reader = Reader()
+    reader._child, reader._ready = Liar(*answers), {"npy"}
+    with pytest.raises(InputError, match=r"c\.npy"):
+        import_cube(tmp_path / "c.npy", CubeImport(axes=AXES, wavelengths_nm=NM), reader)
