@@ -18,6 +18,7 @@ import numpy as np
 from optsim.cube import Bands, make_cube
 from optsim.errors import InputError
 from optsim.render.backend import versions
+from optsim.render.canonical import canonical
 from optsim.render.engine import BACKEND, mi
 from optsim.render.estimate import ErrorBars, band_radiance
 from optsim.render.passes import Progress, run
@@ -90,12 +91,14 @@ def render_trusted(
     size: tuple[int, int],
     settings: RenderSettings | None = None,
     progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
 ) -> xr.Dataset:
     """Render a Mitsuba scene that is trusted: it may load any plugin and read any file.
 
     Args:
         source: an XML file, or a dictionary as of ``mitsuba.load_dict``.
-        bands, size, settings, progress: as of :func:`optsim.render.render`; lights and surfaces are Mitsuba's, per nm.
+        bands, size, settings, progress, checkpoint: as of :func:`optsim.render.render`; lights and surfaces are Mitsuba's, per nm. Files
+            that the scene reads are not compared when a checkpoint is gone on from, only its own text.
 
     Returns:
         a cube as of :func:`optsim.render.render`.
@@ -106,10 +109,6 @@ def render_trusted(
     settings = RenderSettings() if settings is None else settings
     film = film_size(size, settings.oversample)
     task = TrustedTransport(source, bands, film, settings)
-    state = run(task, progress, None, "")  # type: ignore[arg-type]  # of what a Renderable has, run needs no scene
-    radiance, stderr = band_radiance(state.groups, task.weights, state.part)
-    if not np.all(np.isfinite(radiance)):
-        raise RuntimeError("the scene gives radiance that is not finite")
     text = source.read_text("utf-8") if isinstance(source, Path) else repr(source)
     attrs: dict[str, str | int | float] = {
         "title": f"radiance of {source.stem if isinstance(source, Path) else 'a Mitsuba dictionary'}",
@@ -121,9 +120,15 @@ def render_trusted(
         "max_depth": task.max_depth,
         "effects": "{}",
         "variant": BACKEND.variant,
-        "samples_per_pixel": state.spent,
-        "passes": state.passes,
     }
+    told = [attrs, film, settings.model_dump(), [canonical(x) for x in (bands.lower, bands.upper, bands.center)]]
+    attrs["config_digest"] = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+    file = None if checkpoint is None else Path(checkpoint)
+    state = run(task, progress, file, attrs["config_digest"])  # type: ignore[arg-type]  # of what a Renderable has, run needs no scene
+    radiance, stderr = band_radiance(state.groups, task.weights, state.part)
+    if not np.all(np.isfinite(radiance)):
+        raise RuntimeError("the scene gives radiance that is not finite")
+    attrs |= {"samples_per_pixel": state.spent, "passes": state.passes}
     if stderr is not None:
         bars = ErrorBars(bands.count)
         bars.add(state.noise(task.weights), stderr, state.groups[0].counts)

@@ -62,3 +62,22 @@ def test_a_trusted_dictionary_is_rendered_and_one_without_a_sensor_refused():
     np.testing.assert_allclose(cube["radiance"].values.mean((0, 1)), 2.0, rtol=0.02)
     with pytest.raises(InputError, match="sensor"):
         render_trusted({"type": "scene", "sky": sky}, Bands.from_edges([500.0, 520]), (4, 4))
+
+
+def test_a_trusted_render_goes_on_from_its_checkpoint_with_the_same_bytes(xml, tmp_path):
+    from optsim.render.trusted import render_trusted
+
+    bands, settings, file = Bands.from_edges([500.0, 520, 540]), RenderSettings(samples_per_pixel=64), tmp_path / "state"
+    whole = render_trusted(xml, bands, (4, 4), settings)
+
+    def stop(done, error):
+        if done >= 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render_trusted(xml, bands, (4, 4), settings, stop, file)
+    shares = []
+    again = render_trusted(xml, bands, (4, 4), settings, lambda done, error: shares.append(done), file)
+    assert len(shares) == 4
+    assert np.array_equal(again["radiance"].values, whole["radiance"].values)
+    assert again.attrs["config_digest"] == whole.attrs["config_digest"]
