@@ -27,7 +27,7 @@ class RowInverse:
         from recon import banded_kernels
 
         self._solve = banded_kernels.solve_groups
-        self._factor = _factor(operator, rho if rho > 0 else regular * _largest(operator), weights)
+        self.factor = _factor(operator, rho if rho > 0 else regular * _largest(operator), weights)
         self._none = np.zeros(operator.out_shape, operator.dtype)
 
     @classmethod
@@ -38,7 +38,7 @@ class RowInverse:
     def __call__(self, frames: np.ndarray, seen: np.ndarray | None = None, out: np.ndarray | None = None) -> np.ndarray:
         """Return the inverse times (frames - seen)."""
         result = np.empty_like(frames) if out is None else out
-        threads.run(self._solve, self._factor.shape[0], self._factor, frames, self._none if seen is None else seen, result)
+        threads.run(self._solve, self.factor.shape[0], self.factor, frames, self._none if seen is None else seen, result)
         return result
 
 
@@ -57,21 +57,29 @@ class BandedStep:
         notes: tuple[str, ...] = (),
         weights: np.ndarray | None = None,
     ) -> None:
-        from recon import step_kernels
+        from recon import banded_kernels, step_kernels
 
+        self._advance = banded_kernels.advance_groups
         self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
         self.notes, self.condition = notes, 1.0
         self._operator = operator
         self._inverse = RowInverse(operator, rho, REGULAR[operator.dtype.name], weights)
         self._weights = None if weights is None else weights.astype(operator.dtype)
         self._frames = np.ascontiguousarray(frames if weights is None else frames * weights, operator.dtype)
-        self._seen, self._y = np.empty_like(self._frames), np.empty_like(self._frames)
-        self._step = np.empty((operator.in_shape[2], *operator.in_shape[:2]), operator.dtype)
+        self._none = np.zeros((0, 0, 0, 0), operator.dtype)
+        self._optics = operator.optics() if isinstance(operator, CodedAperture) else None
+        if self._optics is None:
+            self._seen, self._y = np.empty_like(self._frames), np.empty_like(self._frames)
+            self._step = np.empty((operator.in_shape[2], *operator.in_shape[:2]), operator.dtype)
         self._sums = np.zeros((operator.in_shape[0], 4))
 
     def advance(self, z: np.ndarray, w: np.ndarray, x: np.ndarray, relax: float, ratio: float = 1.0) -> Sums:
         """See ``DataStep.advance``."""
         real, rows = z.dtype.type, z.shape[1]
+        if self._optics is not None:
+            fused = (self._frames, self._none if self._weights is None else self._weights, self._optics, self._inverse.factor)
+            threads.run(self._advance, self._inverse.factor.shape[0], z, w, x, real(relax), *fused, real(ratio), self._sums)
+            return Sums(*(float(v) for v in self._sums.sum(0)))
         threads.run(self._relax, rows, z, w, x, real(relax), self._sums)
         self._operator.forward(z.transpose(1, 2, 0), self._seen)
         if self._weights is not None:

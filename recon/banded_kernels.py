@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from recon.aperture_kernels import FAST
+from recon.aperture_kernels import FAST, mask_row, return_row, row_step, see_row, to_bands, to_coefficients
+from recon.simd import load, mul, store, sub
+from recon.spectral_kernels import BLOCK, aligned, per_vector
+from recon.step_kernels import finish_row, relax_row
 
 LANES = 16
 
@@ -44,43 +47,93 @@ def factor_groups(first: int, last: int, band: Any, half: int, stored: Any) -> N
                     stored[group, i, d, v] = block[i, d, v]
 
 
-@njit(nogil=True, cache=True, fastmath=FAST)
+@njit(nogil=True, cache=True)
+def solve_band(factor: Any, group: int, y: Any) -> None:
+    """Solve ``A y = right`` for the rows of a group, in place: ``y[i LANES + lane]``."""
+    size, half, n = factor.shape[1], factor.shape[2] - 1, per_vector(y)
+    for lane in range(0, LANES, n):
+        block = group * size * (half + 1) * LANES + lane
+        for i in range(size):
+            row = block + i * (half + 1) * LANES
+            rest = load(y, i * LANES + lane)
+            for d in range(min(half, i), 0, -1):
+                rest = sub(rest, mul(load(factor, row + d * LANES), load(y, (i - d) * LANES + lane)))
+            store(y, i * LANES + lane, mul(rest, load(factor, row)))
+        for i in range(size - 1, -1, -1):
+            row = block + i * (half + 1) * LANES
+            found = mul(load(y, i * LANES + lane), load(factor, row))
+            store(y, i * LANES + lane, found)
+            for d in range(1, min(half, i) + 1):
+                at = (i - d) * LANES + lane
+                store(y, at, sub(load(y, at), mul(load(factor, row + d * LANES), found)))
+
+
+@njit(nogil=True, cache=True)
 def solve_groups(first: int, last: int, factor: Any, frames: Any, seen: Any, out: Any) -> None:
     """Solve ``A y = g - seen`` for the rows of the groups ``first..last``; all three are frames (L, C, M, W)."""
-    size, half = factor.shape[1], factor.shape[2] - 1
-    shots, channels, rows, width = frames.shape
-    y = np.empty((size, LANES), out.dtype)
-    total = np.empty(LANES, out.dtype)
+    count, rows, width = frames.shape[0] * frames.shape[1], frames.shape[2], frames.shape[3]
+    y = aligned(width * count * LANES, out)
+    g, h, result = frames.reshape(-1), seen.reshape(-1), out.reshape(-1)
     for group in range(first, last):
         base = group * LANES
         lanes = min(LANES, rows - base)
-        y[:] = 0
-        for l in range(shots):
-            for c in range(channels):
-                s = l * channels + c
-                for v in range(lanes):
-                    g, h = frames[l, c, base + v], seen[l, c, base + v]
-                    for j in range(width):
-                        y[j * shots * channels + s, v] = g[j] - h[j]
-        block = factor[group]
-        for i in range(size):
-            for v in range(LANES):
-                total[v] = y[i, v]
-            for d in range(1, min(half, i) + 1):
-                for v in range(LANES):
-                    total[v] -= block[i, d, v] * y[i - d, v]
-            for v in range(LANES):
-                y[i, v] = total[v] * block[i, 0, v]
-        for i in range(size - 1, -1, -1):
-            for v in range(LANES):
-                y[i, v] *= block[i, 0, v]
-            for d in range(1, min(half, i) + 1):
-                for v in range(LANES):
-                    y[i - d, v] -= block[i, d, v] * y[i, v]
-        for l in range(shots):
-            for c in range(channels):
-                s = l * channels + c
-                for v in range(lanes):
-                    target = out[l, c, base + v]
-                    for j in range(width):
-                        target[j] = y[j * shots * channels + s, v]
+        for s in range(count):
+            for v in range(lanes):
+                row = (s * rows + base + v) * width
+                for j in range(width):
+                    y[(j * count + s) * LANES + v] = g[row + j] - h[row + j]
+        solve_band(factor, group, y)
+        for s in range(count):
+            for v in range(lanes):
+                row = (s * rows + base + v) * width
+                for j in range(width):
+                    result[row + j] = y[(j * count + s) * LANES + v]
+
+
+@njit(nogil=True, cache=True)
+def advance_groups(
+    first: int, last: int, z: Any, w: Any, x: Any, relax: Any, frames: Any, weights: Any, optics: Any, factor: Any, ratio: Any, sums: Any
+) -> None:
+    """As ``step_kernels.advance_rows`` for the groups of rows ``first..last`` of a camera that spreads a band over columns.
+
+    ``frames`` are weighted; ``weights`` (L, C, M, W) multiply H, or are of size 0.
+    """
+    bands, columns, rows, width = z.shape[0], z.shape[2], frames.shape[2], frames.shape[3]
+    step, there = row_step(columns), row_step(width) + 2 * BLOCK
+    count = frames.shape[0] * frames.shape[1]
+    spectral = optics.even.shape[0] > 0
+    raw, made = aligned(LANES * bands * step, z), aligned((bands + 8) * BLOCK, z)
+    turned, masked = aligned(bands * step, z), aligned(bands * (step + 2 * BLOCK), z)
+    mask, left = aligned(frames.shape[0] * step, z), aligned(count * there, z)
+    back = aligned(bands * step, z)
+    moved = aligned((bands + 8) * step, z) if spectral else back
+    y = aligned(width * count * LANES, z)
+    g, d = frames.reshape(-1), weights.reshape(-1)
+    for group in range(first, last):
+        base = group * LANES
+        lanes = min(LANES, rows - base)
+        for v in range(lanes):
+            here = raw[v * bands * step : (v + 1) * bands * step]
+            sums[base + v, 0] = relax_row(z, w, x, base + v, relax, step, here)
+            if spectral:
+                to_bands(optics, here, step, bands, made, turned)
+                see_row(optics, base + v, turned, step, width, left, masked)
+            else:
+                see_row(optics, base + v, here, step, width, left, masked)
+            for s in range(count):
+                row, at = (s * rows + base + v) * width, s * there + BLOCK
+                for j in range(width):
+                    seen = left[at + j] * d[row + j] if d.size > 0 else left[at + j]
+                    y[(j * count + s) * LANES + v] = g[row + j] - seen
+        solve_band(factor, group, y)
+        for v in range(lanes):
+            for s in range(count):
+                row, at = (s * rows + base + v) * width, s * there + BLOCK
+                for j in range(width):
+                    found = y[(j * count + s) * LANES + v]
+                    left[at + j] = found * d[row + j] if d.size > 0 else found
+            mask_row(optics, base + v, step, mask)
+            return_row(optics, base + v, left, step, width, mask, back)
+            if spectral:
+                to_coefficients(optics, back, step, bands, made, moved)
+            finish_row(z, w, x, base + v, ratio, step, raw[v * bands * step : (v + 1) * bands * step], moved, sums)

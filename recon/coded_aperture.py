@@ -137,6 +137,10 @@ class CodedAperture:
         threads.run(kernels.descend_rows, self.in_shape[0], *arguments)
         return float(sums.sum())
 
+    def optics(self) -> kernels.Optics:
+        """Return what kernels need of this camera."""
+        return self._optics
+
     def gram(self, offset: int = 0, rows: slice = slice(None)) -> np.ndarray:
         """Return the blocks of H H^T between sensor columns j and j + offset: (rows, S, S, W) float64 (theory.md (S.5)).
 

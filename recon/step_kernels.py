@@ -26,7 +26,7 @@ from recon.spectral_kernels import BLOCK, aligned, copy_some, per_vector
 
 
 @njit(nogil=True, cache=True)
-def _relax_row(z: Any, w: Any, x: Any, m: int, relax: Any, step: int, out: Any) -> float:
+def relax_row(z: Any, w: Any, x: Any, m: int, relax: Any, step: int, out: Any) -> float:
     """Set row m of every band in ``out`` (``step`` apart) to ``z + relax (w - x)``, zeros behind; returns ``||w - x||^2``."""
     bands, columns, n = z.shape[0], z.shape[2], per_vector(z)
     zb, wb, xb = z.strides[0] // z.itemsize, w.strides[0] // w.itemsize, x.strides[0] // x.itemsize
@@ -49,7 +49,7 @@ def _relax_row(z: Any, w: Any, x: Any, m: int, relax: Any, step: int, out: Any) 
 
 
 @njit(nogil=True, cache=True)
-def _finish_row(z: Any, w: Any, x: Any, m: int, ratio: Any, step: int, before: Any, moved: Any, sums: Any) -> None:
+def finish_row(z: Any, w: Any, x: Any, m: int, ratio: Any, step: int, before: Any, moved: Any, sums: Any) -> None:
     """Set row m of ``x = before + moved``, ``z = x - ratio moved`` and ``w = 2 x - z``.
 
     ``before`` and ``moved`` hold the row of every band, ``step`` apart. ``sums[m, 1:]`` gets the
@@ -117,7 +117,7 @@ def advance_rows(
     left, weight, back = aligned(count * there, z), aligned(count * there, z), aligned(bands * step, z)
     moved = aligned((bands + 8) * step, z) if spectral else back
     for m in range(first, last):
-        sums[m, 0] = _relax_row(z, w, x, m, relax, step, raw)
+        sums[m, 0] = relax_row(z, w, x, m, relax, step, raw)
         if spectral:
             to_bands(optics, raw, step, bands, made, turned)
         see_row(optics, m, turned, step, width, left, masked)
@@ -130,7 +130,7 @@ def advance_rows(
         return_row(optics, m, weight, step, width, mask, back)
         if spectral:
             to_coefficients(optics, back, step, bands, made, moved)
-        _finish_row(z, w, x, m, ratio, step, raw, moved, sums)
+        finish_row(z, w, x, m, ratio, step, raw, moved, sums)
 
 
 @njit(nogil=True, cache=True)
@@ -141,7 +141,7 @@ def relax_rows(first: int, last: int, z: Any, w: Any, x: Any, relax: Any, sums: 
     band, line = z.strides[0] // z.itemsize, z.strides[1] // z.itemsize
     raw = aligned(bands * step, z)
     for m in range(first, last):
-        sums[m, 0] = _relax_row(z, w, x, m, relax, step, raw)
+        sums[m, 0] = relax_row(z, w, x, m, relax, step, raw)
         for k in range(bands):
             copy_some(raw, k * step, columns, z, k * band + m * line)
 
@@ -154,7 +154,7 @@ def finish_rows(first: int, last: int, z: Any, step: Any, x: Any, w: Any, ratio:
     for m in range(first, last):
         read_row(z, m, apart, before)
         read_row(step, m, apart, moved)
-        _finish_row(z, w, x, m, ratio, apart, before, moved, sums)
+        finish_row(z, w, x, m, ratio, apart, before, moved, sums)
 
 
 @njit(nogil=True, forceinline=True)
