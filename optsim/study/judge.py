@@ -15,7 +15,7 @@ TAU_FRACTIONS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)
 FEW_FRACTIONS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
 """For frames that no H explains to better than a thousandth."""
 GPSR_ITERATIONS = 200
-JUDGE_VERSION = 1
+JUDGE_VERSION = 2
 """Raise when a change here changes scores: old entries are then computed anew."""
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from recon.solution import Solution
     from recon.tau import AutoTau
 
-SOLVER_VERSION = 1
+SOLVER_VERSION = 2
 """Raise when a change of recon changes estimates: old entries are then computed anew."""
 GPSR_ITERATIONS = 160
 """A value of tau on all data; gradient projection needs thousands for the smallest (docs/theory.md S.z), and the rows say so."""
