@@ -37,7 +37,7 @@ class Effect:
         on: whether the render computes it.
         reason: a sentence with its numbers.
         error_without: error of lit surfaces without it, relative to them (0 where leaving it out changes nothing): a bound for
-            effects that the scene leaves off, an estimate (see the reason) for those that are on.
+            effects that the scene leaves off, but for lens and sky, whose reasons say that it is an estimate; an estimate for those on.
         decided_by: ``scene``, or ``force`` or ``without`` when it was chosen by hand.
     """
 
@@ -231,5 +231,18 @@ def explain(scene: Scene, error: float = 0.01, choices: Choices = FREE) -> Needs
     """
     if not (np.isfinite(error) and 0 < error < 1):
         raise InputError("error", error, "in (0, 1), relative")
+    return Needs(scene, float(error), *_exchange(scene), choices)
+
+
+_last_exchange: list[tuple[Scene, tuple[tuple[str, str] | None, Coverage]]] = []
+
+
+def _exchange(scene: Scene) -> tuple[tuple[str, str] | None, Coverage]:
+    """Return which two shapes exchange light, and how much of it there is; the last scene's answer is kept, as a render asks twice."""
+    for known, answer in _last_exchange:
+        if known is scene:
+            return answer
     seen = first_pair_that_sees_each_other(scene)
-    return Needs(scene, float(error), seen, Coverage(0.0, 0.0) if seen is None else coverage(scene), choices)
+    answer = seen, Coverage(0.0, 0.0) if seen is None else coverage(scene)
+    _last_exchange[:] = [(scene, answer)]
+    return answer
