@@ -200,7 +200,7 @@ def _lens_blur(needs: Needs) -> Effect:
     size = smear_error(wide, border_length(needs.source))
     text = (
         f"the lens of {view.aperture_m:.3g} m radius, sharp at {view.distance_m:.3g} m, blurs by up to {wide:.2g} of the picture's height, "
-        f"about {size:.2g} of the light at the borders seen"
+        f"about {size:.2g} of the light at the borders seen (an estimate)"
     )
     if size < needs.error * SPARE:
         return Effect("lens_blur", False, f"{text}: less than a tenth of the error asked for", size)
@@ -215,5 +215,6 @@ def _sky(needs: Needs) -> Effect:
     share = sky_share(needs.source, *needs.common_range_nm)
     if share * SKY_MARGIN < needs.error * SPARE:
         text = f"{kind} sends {share:.2g} of the lamps' light to the scene's middle"
-        return Effect("sky", False, f"{text}, less than a {SKY_MARGIN / SPARE:.0f}th of the error asked for", share * SKY_MARGIN)
+        text = f"{text}, less than a {SKY_MARGIN / SPARE:.0f}th of the error asked for (an estimate: lamps may be hidden)"
+        return Effect("sky", False, text, share * SKY_MARGIN)
     return Effect("sky", True, f"{kind} shines from all directions and is what a ray sees that meets nothing", min(1.0, share))

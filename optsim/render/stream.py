@@ -121,13 +121,13 @@ def _stream_passes(sink: CubeSink, task: Renderable, bands: Bands, progress: Pro
         told, other, spent = np.split(notes, [-8 - 2 * bands.count, -4])
         bars, apart = ErrorBars.from_notes(told, bands.count), Apart.from_notes(other, bands.count)
     parts = task.tiles.parts(max(1, memory // (_bytes_a_pixel(task, bands) * task.film[1])))
-    plan = _plan(task, parts, progress) if task.settings.target is not None and task.groups else None
+    plan, begun = _plan(task, parts, progress) if task.settings.target is not None and task.groups else (None, None)
     first = 0
     for part in parts:
         tiles, first = slice(first, first + part.count), first + part.count
         if part.top < done:
             continue
-        state = _complete(task, part, None if plan is None else plan.of(tiles))
+        state = begun or _complete(task, part, None if plan is None else plan.of(tiles))
         radiance, stderr = _values(task, state, bands.count, several)
         if state.groups and stderr is not None:
             bars.add(state.noise(task.weights), stderr, state.groups[0].counts)
@@ -160,8 +160,12 @@ def _bytes_a_pixel(task: Renderable, bands: Bands) -> int:
     return 32 * task.nodes.size * max(1, len(task.weights)) + 32 * bands.count
 
 
-def _plan(task: Renderable, parts: list[Tiles], progress: Progress | None) -> Plan | None:
-    """Render the first stage of all parts and share the work among their tiles; None when the first stage is enough."""
+def _plan(task: Renderable, parts: list[Tiles], progress: Progress | None) -> tuple[Plan | None, State | None]:
+    """Render the first stage of all parts and share the work among their tiles; no plan when the first stage is enough.
+
+    Of a picture of one part that is complete then, the state comes back; several parts render their short first stage again, as
+    memory holds one of them only.
+    """
     noises: list[TileNoise] = []
     spent: list[np.ndarray] = []
     for part in parts:
@@ -173,7 +177,9 @@ def _plan(task: Renderable, parts: list[Tiles], progress: Progress | None) -> Pl
         if progress is not None:
             progress(0.0, None)
     noise = joined(noises)
-    return None if noise.errors.max() <= (task.settings.target or 0.0) else allot(task, noise, np.concatenate(spent))
+    if noise.errors.max() <= (task.settings.target or 0.0):
+        return None, state if len(parts) == 1 else None
+    return allot(task, noise, np.concatenate(spent)), None
 
 
 def _complete(task: Renderable, part: Tiles, plan: Plan | None) -> State:
