@@ -26,8 +26,9 @@ def solve(problem: Problem, solver: Solver, on_iteration: OnIteration | None = N
     matrix = shared_matrix(problem)
     if matrix is None or not _takes_any_penalty(solver):
         return solver.solve(problem, on_iteration)
-    found = solver.solve(turned(problem, matrix), on_iteration)
-    return replace(found, cube=_turned_cube(matrix.T, found.cube))
+    posed = turned(problem, matrix)
+    found = solver.solve(posed, on_iteration)
+    return replace(found, cube=_turned_cube(matrix.T, found.cube), value=posed.penalty.value(found.cube))
 
 
 def shared_matrix(problem: Problem) -> np.ndarray | None:

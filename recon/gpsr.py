@@ -77,7 +77,7 @@ class Gpsr(Config):
             run = _Run(self, descent, limits, problem.light**2, on_iteration)
             stop = run.through(self._stages(tau, tau_max, fresh=problem.start is None))
             made, stop = self._debias(descent, limits, run.made, stop) if self.debias else (run.made, stop)
-        return Found(model.cube_of(descent.theta), made, stop, tau, tau_max)
+        return Found(model.cube_of(descent.theta), made, stop, tau, tau_max, value=descent.l1)
 
     def _stages(self, tau: float, tau_max: float, fresh: bool) -> list[float]:
         first = FIRST_FRACTION * tau_max

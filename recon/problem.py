@@ -88,7 +88,10 @@ class Problem:
 
 @dataclass(frozen=True)
 class Found:
-    """A solver's answer in the units of its ``Problem``: cube f', iterations, stop, and the normalised tau (None: no tau)."""
+    """A solver's answer in the units of its ``Problem``: cube f', iterations, stop, and the normalised tau (None: no tau).
+
+    ``value`` is R(f') where the solver knows it better than the penalty, as with coefficients beyond a padded picture's edge.
+    """
 
     cube: np.ndarray
     iterations: int
@@ -96,6 +99,7 @@ class Found:
     tau: float | None = None
     tau_max: float | None = None
     notes: tuple[str, ...] = ()
+    value: float | None = None
 
 
 class Solver(Protocol):

@@ -152,7 +152,7 @@ def warm_up(dtype: Any = np.float32) -> None:
 def _solution(operator: LinearOperator, problem: Problem, found: Found, notes: tuple[str, ...], began: float) -> Solution:
     if problem.nonnegative:
         np.maximum(found.cube, 0, out=found.cube)
-    misfit, value = problem.misfit(found.cube), problem.penalty.value(found.cube)
+    misfit, value = problem.misfit(found.cube), found.value if found.value is not None else problem.penalty.value(found.cube)
     objective = value * problem.unit if found.tau is None else (misfit + found.tau * value) * problem.light**2
     size = float(np.vdot(problem.exact_frames, problem.exact_frames))
     return Solution(
