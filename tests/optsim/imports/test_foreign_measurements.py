@@ -140,6 +140,17 @@ def test_masks_and_frames_as_pictures_stacks_and_lists_are_brought_in(tmp_path):
     np.testing.assert_allclose(band_model_of(found).operator().forward(scene()), frames[:1, None], atol=1e-12)
 
 
+def test_measured_transmissions_above_1_keep_their_h(tmp_path):
+    masks = 1.3 * np.random.default_rng(9).random((1, M, N))
+    np.save(tmp_path / "f.npy", photographed(masks, scene(), 2.0 * np.arange(K), N + 8)[0])
+    np.save(tmp_path / "m.npy", masks[0])
+    words = ["import-measurement", str(tmp_path / "f.npy"), "--mask", str(tmp_path / "m.npy"), "--shifts", "2"]
+    assert _code([*words, "--wavelengths", ",".join(map(str, NM)), "-o", str(tmp_path / "o.nc")]) == 0
+    found = read(tmp_path / "o.nc")
+    assert found["mask"].values.max() == 1
+    np.testing.assert_allclose(band_model_of(found).operator().forward(scene()), signal_of(found), atol=1e-12)
+
+
 def test_a_step_alone_counts_from_the_band_that_falls_leftmost(tmp_path):
     np.save(tmp_path / "f.npy", np.ones((M, N + 8)))
     np.save(tmp_path / "m.npy", mask()[0])

@@ -1,0 +1,143 @@
+"""Words of the verbs import and import-measurement, turned into objects."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from optsim.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from optsim.cube import Bands
+    from optsim.files.import_config import Axis, Crop
+
+WAVELENGTHS = "FIRST:LAST:COUNT or a list in nm such as 450,460; or tsa-453.5, tsa-453.3 (the two lists in use for KAIST / TSA) or paper"
+
+
+def centers_of(word: str) -> tuple[float, ...]:
+    """Return band centres in nm, in the order given."""
+    from optsim.cube import PAPER_CENTERS_NM
+    from optsim.files.grids import TSA_HALVES_NM, TSA_TENTHS_NM
+
+    named = {"tsa-453.5": TSA_HALVES_NM, "tsa-453.3": TSA_TENTHS_NM, "paper": tuple(map(float, PAPER_CENTERS_NM))}
+    if word in named:
+        return named[word]
+    if ":" not in word:
+        return tuple(_numbers("--wavelengths", word, WAVELENGTHS))
+    parts = word.split(":")
+    first, last, count = _numbers("--wavelengths", ",".join(parts), WAVELENGTHS) if len(parts) == 3 else (0.0, 0.0, 0.0)
+    if not (first > 0 and last > 0 and first != last and 2 <= count <= 10_000 and count == int(count)):
+        raise InputError("--wavelengths", word, WAVELENGTHS)
+    return tuple(first + (last - first) * k / (int(count) - 1) for k in range(int(count)))
+
+
+def bands_of_words(word: str) -> tuple[Bands, np.ndarray]:
+    """Return the bands by increasing wavelength, and where each stands in the user's list."""
+    import numpy as np
+
+    from optsim.cube import Bands
+
+    centers = np.array(centers_of(word))
+    order = np.argsort(centers, kind="stable")
+    return Bands.from_centers(centers[order]), order
+
+
+def axes_of(word: str | None) -> tuple[Axis, Axis, Axis] | None:
+    """Return the axes of a stored cube; None when nothing is said."""
+    from optsim.cube import DIMS
+    from optsim.files.import_config import Axis
+
+    if word is None:
+        return None
+    names = [part.strip() for part in word.split(",")]
+    if sorted(name.lstrip("-") for name in names) != sorted(DIMS):
+        raise InputError("--axes", word, "y, x and wavelength, each once, such as y,x,wavelength")
+    first, second, third = (Axis(name=name.lstrip("-"), reverse=name.startswith("-")) for name in names)
+    return first, second, third
+
+
+def crop_of(word: str | None) -> Crop | None:
+    """Return a part of the picture; None when nothing is said."""
+    from optsim.files.import_config import Crop
+
+    if word is None:
+        return None
+    form = "TOP,LEFT,HEIGHT,WIDTH in whole pixels"
+    numbers = _numbers("--crop", word, form)
+    if len(numbers) != 4 or any(n != int(n) or n < 0 for n in numbers) or min(numbers[2:]) < 1:
+        raise InputError("--crop", word, form)
+    top, left, height, width = map(int, numbers)
+    return Crop(top=top, left=left, height=height, width=width)
+
+
+def range_of(word: str | None) -> tuple[float, float] | None:
+    """Return the lowest and highest centre in nm; None when nothing is said."""
+    if word is None:
+        return None
+    form = "LOWEST:HIGHEST in nm, such as 400:680"
+    numbers = _numbers("--range", word.replace(":", ","), form)
+    if len(numbers) != 2 or not 0 < numbers[0] < numbers[1]:
+        raise InputError("--range", word, form)
+    return numbers[0], numbers[1]
+
+
+def shifts_of(word: str, count: int) -> np.ndarray:
+    """Return (K,) shifts in px; a single number is the step, and the lowest shift is then 0."""
+    import numpy as np
+
+    numbers = np.array(_numbers("--shifts", word, "one number of px a band, or a list of one number a band"))
+    if numbers.size == 1 and count > 1:
+        shifts = numbers[0] * np.arange(count)
+        return shifts - shifts.min()
+    if numbers.size != count:
+        raise InputError("--shifts", f"{numbers.size} numbers", f"1 (the step) or {count}, one a band")
+    return numbers
+
+
+def response_of(word: str | None, count: int) -> np.ndarray:
+    """Return (curves, K); one curve of 1 when nothing is said."""
+    import numpy as np
+
+    if word is None:
+        return np.ones((1, count))
+    rows = [_numbers("--response", part, "numbers, one a band") for part in word.split(";")]
+    if any(len(row) != count for row in rows):
+        raise InputError("--response", [len(row) for row in rows], f"{count} numbers a channel, one a band")
+    return np.array(rows)
+
+
+def _numbers(field: str, text: str, form: str) -> list[float]:
+    import math
+
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(field, text, form) from None
+    if not all(map(math.isfinite, numbers)):
+        raise InputError(field, text, form)
+    return numbers
+
+
+def unit_masks(stack: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return (L, M, N) from 0 to 1, and the factor that the responses get for it.
+
+    Whole numbers are divided by their maximum, as in an 8-bit picture of a mask. Measured transmissions above 1 are too, and what they
+    are divided by goes into the responses, so that H stays what it was.
+    """
+    if stack.shape[1] != 1 and (stack != stack[:, :1]).any():
+        raise InputError("--mask", stack.shape, "of one channel")
+    masks = stack[:, 0]
+    peak = float(masks.max()) if masks.size and masks.dtype.kind != "b" else 0.0
+    if not 1 < peak < float("inf"):
+        return masks, 1.0
+    return masks / peak, 1.0 if masks.dtype.kind in "iu" else peak
+
+
+def mosaic_of(stack: np.ndarray) -> np.ndarray:
+    """Return (y, x) whole numbers."""
+    import numpy as np
+
+    if stack.shape[:2] != (1, 1) or not np.array_equal(stack, np.round(stack)) or stack.min() < 0 or stack.max() > 100:
+        raise InputError("--cfa", stack.shape, "one picture of whole numbers from 0")
+    return stack[0, 0].astype(np.int8)
