@@ -15,6 +15,7 @@ import numpy as np
 
 from optsim.cube import Bands
 from optsim.errors import InputError
+from optsim.report.color import SceneLight
 
 SENSORS = ("mono", "bayer", "foveon")
 MASKS = ("distinct", "repeated")
@@ -160,11 +161,13 @@ class Truth:
         radiance: (y, x, K), W m^-2 sr^-1 nm^-1, finite.
         bands: the K bands.
         stderr: Monte Carlo standard error of the same shape, or None.
+        light: of the scene, when it is known: its colour is then the pictures' white.
     """
 
     radiance: np.ndarray
     bands: Bands
     stderr: np.ndarray | None = None
+    light: SceneLight | None = None
 
     def __post_init__(self) -> None:
         if self.radiance.ndim != 3 or 0 in self.radiance.shape or self.radiance.shape[2] != self.bands.count:

@@ -56,7 +56,7 @@ class Gallery:
         """Return the exposure that truth and estimates of a target share."""
         if target not in self._exposures:
             truth = self.truth(target)
-            self._exposures[target] = exposure_of(truth.radiance, truth.bands)
+            self._exposures[target] = exposure_of(truth.radiance, truth.bands, truth.light)
         return self._exposures[target]
 
     def srgb(self, cube: np.ndarray, target: str) -> np.ndarray:

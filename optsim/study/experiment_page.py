@@ -12,6 +12,7 @@ from optsim import __version__
 from optsim.cube import bands_of
 from optsim.files.guard import atomic_path
 from optsim.report import figures_more, figures_target
+from optsim.report.color import SceneLight
 from optsim.report.data import SERIES, Capture, Frames, RunData, Solve, Truth
 from optsim.report.figures_experiment import figure_signatures
 from optsim.report.gallery import Gallery
@@ -108,7 +109,7 @@ def _points(scored: Sequence[tuple[Shoot, dict[str, Any]]], names: dict[str, str
             point,
             f"{100 * at['error']:.1f}",
             f"{100 * at['background']:+.1f}".replace("-", "−"),
-            f"{at['gain']:.2f}",
+            f"{at['gain']:.2f}".replace("-", "−"),
             f"{at['angle_deg']:.2f}",
         )
         for shoot, row in scored
@@ -156,5 +157,6 @@ def _run_data(found: Experiment, shoots: Sequence[Shoot], store: Store) -> RunDa
         return Frames(data["frames"].values, data.attrs["units"], data["cfa"].values if "cfa" in data else None)
 
     cube = store.load(f"cubes/{BENCH}-{found.config.size}.nc")
-    truths = {BENCH: Truth(cube["radiance"].values, bands_of(cube))}
+    bands = bands_of(cube)
+    truths = {BENCH: Truth(cube["radiance"].values, bands, light=SceneLight.of(cube.attrs.get("illuminant"), bands.count))}
     return RunData(summary={"rows": rows}, truths=truths, estimate=estimate, frames=frames)

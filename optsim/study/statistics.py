@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -59,24 +60,36 @@ def paired_estimate(differences: Mapping[str, Sequence[float]], seed: int = 0, r
     """
     from scipy.stats import norm, t
 
-    units, names = _units(differences), list(differences)
+    units = _units(differences)
     n, mean = units.size, float(units.mean())
-    spread = float(units.std(ddof=1))
-    random = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(0x626F6F74,))))
-    drawn = random.multinomial(n, np.full(n, 1 / n), resamples) @ units / n
+    drawn = _shares(n, seed, resamples) @ units
     low, high = np.quantile(drawn, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     upper = (1 + CONFIDENCE) / 2
     stretch = math.sqrt(n / (n - 1)) * float(t.ppf(upper, n - 1) / norm.ppf(upper))
-    alike = spread <= 1e-12 * max(1.0, abs(mean))  # to rounding
-    p = float(mean <= 0) if alike else float(t.sf(mean / (spread / math.sqrt(n)), n - 1))
-    scenes, masks = _components([np.asarray(differences[name], np.float64) for name in names])
+    scenes, masks = _components([np.asarray(values, np.float64) for values in differences.values()])
     cells = sum(len(values) for values in differences.values())
-    return Estimate(mean, mean + stretch * float(low - mean), mean + stretch * float(high - mean), p, len(names), cells, scenes, masks)
+    ends = (mean + stretch * float(low - mean), mean + stretch * float(high - mean))
+    return Estimate(mean, *ends, one_sided_p(differences), len(differences), cells, scenes, masks)
 
 
-def weakest(parts: Sequence[Estimate]) -> Estimate:
+def one_sided_p(differences: Mapping[str, Sequence[float]]) -> float:
+    """Return Student's p of "the mean is not above 0", on the same independent means as :func:`paired_estimate`.
+
+    Raises:
+        InputError: as there.
+    """
+    from scipy.stats import t
+
+    units = _units(differences)
+    mean, spread = float(units.mean()), float(units.std(ddof=1))
+    if spread <= 1e-12 * max(1.0, abs(mean)):  # alike, to rounding
+        return float(mean <= 0)
+    return float(t.sf(mean / (spread / math.sqrt(units.size)), units.size - 1))
+
+
+def weakest(parts: Sequence[Mapping[str, Sequence[float]]]) -> Mapping[str, Sequence[float]]:
     """Return the part with the largest p: "all are above 0" is shown exactly when that one is (Berger 1982)."""
-    return max(parts, key=lambda part: (part.p, -part.mean))
+    return max(parts, key=lambda part: (one_sided_p(part), -float(_units(part).mean())))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -89,6 +102,13 @@ def holm(p_values: Sequence[float]) -> list[float]:
     adjusted = np.empty_like(p)
     adjusted[order] = stepped
     return [float(value) for value in adjusted]
+
+
+@lru_cache(maxsize=64)
+def _shares(n: int, seed: int, resamples: int) -> np.ndarray:
+    """Return (resamples, n) shares of each unit in a resample."""
+    random = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(0x626F6F74, n))))
+    return random.multinomial(n, np.full(n, 1 / n), resamples) / n
 
 
 def _units(differences: Mapping[str, Sequence[float]]) -> np.ndarray:

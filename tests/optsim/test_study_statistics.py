@@ -142,5 +142,6 @@ def test_holm_keeps_the_chance_of_any_false_alarm_below_its_level():
 
 
 def test_all_parts_are_shown_only_if_the_weakest_is():
-    sure, unsure = paired_estimate({"a": [1.0, 1.1, 1.2]}), paired_estimate({"a": [0.1, -0.1, 0.2]})
+    sure, unsure = {"a": [1.0, 1.1, 1.2]}, {"a": [0.1, -0.1, 0.2]}
     assert weakest([sure, unsure]) is unsure
+    assert weakest([{"a": [0.0, 0.0]}, {"a": [-1.0, -1.0]}]) == {"a": [-1.0, -1.0]}

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 READ_NOISE_E = 10.0
 FULL_WELL_E = 200_000.0
 BITS = 16
+OFFSET_DN = 500.0
+"""So that read noise is not cut off at the converter's zero."""
 _PHOTOGRAPH = threading.Lock()
 """One photograph at a time: Dr.Jit uses all cores for one anyway."""
 
@@ -220,10 +222,11 @@ class Lit:
         mean = model.operator(np.float64).forward(world.truth)
         brightest = mean if self.own else self._mono(world, seed)
         scale = self.electrons * self.exposure / float(brightest.max())
-        noise = Noise(read_noise_e=READ_NOISE_E, bits=BITS)
+        noise = Noise(read_noise_e=READ_NOISE_E, bits=BITS, offset_dn=OFFSET_DN)
         seen = expose(mean * scale, noise, full_well_e=FULL_WELL_E, exposure_s=0.0, seed=seed)
         signal = seen.dn - seen.dark_dn
-        variance = seen.gain * np.maximum(signal, 0.0) + (seen.gain * READ_NOISE_E) ** 2 + 1 / 12
+        read = (seen.gain * READ_NOISE_E) ** 2 + 1 / 12
+        variance = np.maximum(seen.gain * signal + read, read / 2)  # unbiased: the floor lies five sigma below a dark pixel
         return Taken(model.scaled(scale * seen.gain).operator(np.float32), signal, variance)
 
     def _mono(self, world: World, seed: int) -> np.ndarray:

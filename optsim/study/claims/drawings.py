@@ -8,7 +8,7 @@ from pathlib import Path
 
 from optsim.camera.budgets import EqualTime
 from optsim.report import figures_target
-from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, MONO_REPEATED, Row, RunData, Series, Solve, Truth
+from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, MONO_REPEATED, Row, RunData, Series, Solve
 from optsim.report.figures_claims import Curve, CurvePanel, ForestPanel, Point, figure_curves, figure_forest
 from optsim.report.gallery import Gallery
 from optsim.report.select import Recipe as Shown
@@ -199,10 +199,7 @@ def run_data(found: Claims, store: Store, data: str) -> tuple[RunData, Shown]:
         path = None if task is None else store.path(task.name)
         return None if path is None or not path.exists() or task is None else store.load(f"{task.name}.nc")["radiance"].values
 
-    truths = {}
-    for target in (TARGET_1, TARGET_2):
-        cube = truth_of(found.config, target, size, store)
-        truths[target] = Truth(cube[0], cube[1])
+    truths = {target: truth_of(found.config, target, size, store) for target in (TARGET_1, TARGET_2)}
     return RunData(summary={"rows": rows}, truths=truths, estimate=estimate), shown  # type: ignore[arg-type]
 
 

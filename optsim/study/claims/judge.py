@@ -15,7 +15,7 @@ from optsim.study.plan import BANDS, MONO_SHOTS_PER_GROUP
 from optsim.study.statistics import Estimate, holm, paired_estimate, weakest
 
 LEVEL = 0.05
-"""Chance of any false "holds" in the whole table."""
+"""Chance of any false "holds" among the readings of one claim."""
 
 
 class Verdict(Enum):
@@ -36,7 +36,7 @@ class Judged:
         where: R and size, as a table has it.
         groups: colour shots; None: over several R.
         estimate: the number with its interval; of several parts the weakest.
-        p: Holm's, over the whole table.
+        p: Holm's, over the readings of its claim.
         verdict: ``ONLY_IF`` here: it is above 0, but not of the claimed size.
     """
 
@@ -89,15 +89,20 @@ def _entry(claim: PaperClaim, reading: str, e: Estimate, verdict: Verdict) -> di
 
 
 def judge(tables: Sequence[Table], seed: int) -> list[Judged]:
-    """Judge every claim under every reading that bears on it; p values are corrected over all of them together."""
+    """Judge every claim under every reading that bears on it; the p values of a claim are corrected over all its readings."""
     found = [row for table in tables for row in _measured(table, seed)]
-    for i, p in enumerate(holm([row.estimate.p for row in found])):
-        row = found[i]
-        shown = p < LEVEL and row.estimate.mean > 0
-        met = row.claim.size.met(row.estimate.low, row.estimate.high)
-        verdict = (Verdict.HOLDS if met else Verdict.ONLY_IF) if shown else Verdict.DOES_NOT
-        found[i] = replace(row, p=p, verdict=verdict)
-    return found
+    adjusted: dict[int, float] = {}
+    for claim in CLAIMS:
+        mine = [i for i, row in enumerate(found) if row.claim is claim]
+        adjusted |= dict(zip(mine, holm([found[i].estimate.p for i in mine])))
+    return [_decided(row, adjusted[i]) for i, row in enumerate(found)]
+
+
+def _decided(row: Judged, p: float) -> Judged:
+    """Return a row with its verdict."""
+    met = row.claim.size.met(row.estimate.low, row.estimate.high)
+    shown = p < LEVEL and row.estimate.mean > 0
+    return replace(row, p=p, verdict=(Verdict.HOLDS if met else Verdict.ONLY_IF) if shown else Verdict.DOES_NOT)
 
 
 def _measured(table: Table, seed: int) -> list[Judged]:
@@ -108,10 +113,12 @@ def _measured(table: Table, seed: int) -> list[Judged]:
         if not claim.measure.sensors & table.reading.touched:
             continue
         for g in groups if claim.measure.steady else groups[:1]:
-            estimates = [paired_estimate(part, seed) for part in claim.measure.parts(table, g)]
-            if estimates:
+            parts = list(claim.measure.parts(table, g))
+            if parts:
                 R = f"R = {ratio_text(MONO_SHOTS_PER_GROUP * g / BANDS)}" if claim.measure.steady else "from R to R"
-                found.append(Judged(claim, table.reading, f"{R}, {size}", g if claim.measure.steady else None, weakest(estimates)))
+                found.append(
+                    Judged(claim, table.reading, f"{R}, {size}", g if claim.measure.steady else None, paired_estimate(weakest(parts), seed))
+                )
     return found
 
 

@@ -28,12 +28,15 @@ class Table:
     """
 
     def __init__(self, reading: Reading, size: int, rows: Mapping[tuple[str, int, int, str], Mapping[str, Any]]) -> None:
-        self.reading, self.size, self._rows = reading, size, rows
+        self.reading, self.size = reading, size
+        self._rows: dict[tuple[str, int, str], dict[int, Mapping[str, Any]]] = {}
+        for (scene, mask, groups, sensor), row in rows.items():
+            self._rows.setdefault((scene, groups, sensor), {})[mask] = row
 
     @property
     def scenes(self) -> list[str]:
         """Return the scenes that were run."""
-        return list(dict.fromkeys(scene for scene, _, _, _ in self._rows))
+        return list(dict.fromkeys(scene for scene, _, _ in self._rows))
 
     @property
     def random_scenes(self) -> tuple[str, ...]:
@@ -42,11 +45,11 @@ class Table:
 
     def groups(self, scene: str) -> list[int]:
         """Return the numbers of colour shots run on a scene."""
-        return sorted({groups for name, _, groups, _ in self._rows if name == scene})
+        return sorted({groups for name, groups, _ in self._rows if name == scene})
 
     def values(self, scene: str, groups: int, sensor: str, look: Callable[[Mapping[str, Any]], float]) -> dict[int, float]:
         """Return mask -> value of a sensor."""
-        return {m: look(row) for (name, m, g, s), row in self._rows.items() if (name, g, s) == (scene, groups, sensor)}
+        return {mask: look(row) for mask, row in self._rows.get((scene, groups, sensor), {}).items()}
 
     def paired(self, scene: str, groups: int, a: str, b: str, look: Callable[[Mapping[str, Any]], float]) -> list[float]:
         """Return value of a minus value of b, one a mask that both saw."""

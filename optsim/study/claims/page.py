@@ -19,28 +19,21 @@ from optsim.study.store import Store
 
 METHOD = (
     "A trial is a scene behind one random series of masks. Every random scene has masks of its own; the two targets share "
-    "theirs, so that their "
-    "difference is paired. Within a trial all sensors and all readings see the same scene and the same first mask, and every "
-    "number here is a mean of "
-    "differences inside trials.",
+    "theirs, so that their difference is paired. Within a trial all sensors and all readings see the same scene and the same "
+    "first mask, and every number here is a mean of differences inside trials.",
     f"Intervals hold the mean with {CONFIDENCE:.0%} confidence when scenes and masks are both drawn anew: scenes (for a target: "
-    f"masks) are resampled with "
-    f"replacement {RESAMPLES} times, all masks of a scene together, and the percentile interval is stretched by sqrt(n/(n-1)) t/z "
-    f"for few trials.",
+    f"masks) are resampled with replacement {RESAMPLES} times, all masks of a scene together, and the percentile interval is "
+    "stretched by sqrt(n/(n-1)) t/z for few trials.",
     "A verdict needs two things. The claimed sign is shown when Student’s one-sided test of the same independent means stays "
-    "below 0.05 after Holm’s "
-    "correction over all rows of this page together. The claimed size is met when the interval shares a value with the claimed "
-    "range (half a decibel or "
-    "a quarter to either side of “about”, whichever is larger). Both: holds. Sign alone: sign only. Else: does not hold. A claim "
-    "about all "
+    "below 0.05 after Holm’s correction over all readings of the claim. The claimed size is met when the interval shares a value "
+    "with the claimed range (half a decibel or a quarter to either side of “about”, whichever is larger). Both: holds. Sign "
+    "alone: sign only. Else: does not hold, which with few masks may also mean that it could not be shown. A claim about all "
     "bands, sensors or steps is judged by its weakest part.",
     "Readings change one factor from a stated base. Matched data come from the discrete model itself and are inverted by basis "
-    "pursuit, which needs no tau; "
-    "physical data come from the traced prism at ten wavelengths a band and two samples along a mirror, and are inverted by Eq. "
-    "4 with a tau from held-out "
-    "detector pixels, for they lie in the range of no H. Data with noise have shot noise, 10 electrons of read noise and 16 bits "
-    "over a well of 200,000; their "
-    "tau leaves as much unexplained as the noise explains. The test bed is a monochrome camera of 8 bits alone and behind model glasses.",
+    "pursuit, which needs no tau; physical data come from the traced prism at ten wavelengths a band and two samples along a "
+    "mirror, and are inverted by Eq. 4 with a tau from held-out detector pixels, for they lie in the range of no H. Data with "
+    "noise have shot noise, 10 electrons of read noise and 16 bits over a well of 200,000; their tau leaves as much unexplained "
+    "as the noise explains. The test bed is a monochrome camera of 8 bits, alone and behind model glasses.",
 )
 
 

@@ -153,8 +153,10 @@ def _changed(config: ClaimsConfig, mono: Series) -> Iterator[Reading]:
 
 def _methods(data: str) -> list[tuple[str, Method]]:
     """Return the other ways to invert a base's data."""
-    blind, oracle = ("Eq. 4 with automatic tau", BlindTau()), ("Eq. 4 with oracle tau", OracleTau())
-    return [oracle, blind] if data == MATCHED else [oracle, ("basis pursuit", Pursuit())]
+    oracle = ("Eq. 4 with oracle tau", OracleTau())
+    if data == MATCHED:
+        return [oracle, ("Eq. 4 with automatic tau", BlindTau()), ("quality mode", Pursuit(quality=True))]
+    return [oracle, ("basis pursuit", Pursuit()), ("quality mode", BlindTau(quality=True))]
 
 
 def _with_curves(data: str, curves: Curves) -> Matched | Physical:
@@ -173,7 +175,11 @@ def _lit(config: ClaimsConfig, mono: Series) -> Iterator[Reading]:
                 light = "electrons in every sensor's brightest pixel" if isinstance(budget, EqualFill) else "electrons"
                 change = f"budget {budget.name}, {level:g} {light}"
                 yield Reading(mono, NOISY, change, {s: Recipe(c, raw) for s, c in captures.items()}, depth)
-    for change, curves, method in (("noise-weighted layers", PHOTONS, weighted), ("peak scaling of the responses", PUBLISHED, raw)):
+    for change, curves, method in (
+        ("noise-weighted layers", PHOTONS, weighted),
+        ("peak scaling of the responses", PUBLISHED, raw),
+        ("quality mode", PHOTONS, KnownNoise(quality=True)),
+    ):
         captures = lit_captures(PaperRatio(), config.noise_e, mono, curves)
         assert captures is not None
         told = f"budget {PaperRatio.name}, {config.noise_e:g} electrons, {change}"

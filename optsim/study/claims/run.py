@@ -119,14 +119,19 @@ def _solve(
             world = World(scene, size, config.render_error, config.seed)
             if todo:
                 progress.say(f"rendering {scene} at {size} x {size}")
-                _ = world.truth
-                keep_truth(config, world, store)
+                make_ready(config, world, store)
                 progress.advance(WORLD_COST, f"{scene}, {size} x {size}: rendered")
             failures |= _solve_world(config, mine, todo, world, store, progress, rows)
     if failures:
         name, error = next(iter(failures.items()))
         raise ClaimsFailed(f"{len(failures)} of {len(tasks)} solves failed; the first, {name}: {type(error).__name__}: {error}") from error
     return rows
+
+
+def make_ready(config: ClaimsConfig, world: World, store: Store) -> None:
+    """Render a world before its solves start, and keep its true cube if figures show it."""
+    _ = world.truth
+    keep_truth(config, world, store)
 
 
 def _solve_world(

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from optsim import __version__
-from optsim.cube import Bands, bands_of
+from optsim.cube import bands_of
+from optsim.report.color import SceneLight
+from optsim.report.data import Truth
 from optsim.study.claims.config import ClaimsConfig
 from optsim.study.claims.worlds import BENCH, TARGET_1, TARGET_2, World
 from optsim.study.store import Store, digest
@@ -24,13 +26,14 @@ def keep_truth(config: ClaimsConfig, world: World, store: Store) -> None:
         store.keep(name, _key(config, world.scene, world.size), {}, {f"{name}.nc": world.cube})
 
 
-def truth_of(config: ClaimsConfig, scene: str, size: int, store: Store) -> tuple[np.ndarray, Bands]:
-    """Return a true cube (M, N, K) and its bands, rendered where it is not kept."""
+def truth_of(config: ClaimsConfig, scene: str, size: int, store: Store) -> Truth:
+    """Return a true cube as the report shows it, rendered where it is not kept."""
     name = _name(scene, size)
     if store.finished(name, _key(config, scene, size)) is None:
         keep_truth(config, World(scene, size, config.render_error, config.seed), store)
     cube = store.load(f"{name}.nc")
-    return np.asarray(cube["radiance"].values, np.float64), bands_of(cube)
+    bands = bands_of(cube)
+    return Truth(np.asarray(cube["radiance"].values, np.float64), bands, light=SceneLight.of(cube.attrs.get("illuminant"), bands.count))
 
 
 def _name(scene: str, size: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zlib
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optsim.camera import CameraConfig
-from optsim.cube import Bands, band_mean, block_mean
+from optsim.cube import Bands, band_mean, bands_of, block_mean
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,8 +81,18 @@ class World:
 
     @cached_property
     def cube(self) -> xr.Dataset:
-        """Return the true cube: the fine one's means over mirrors and bands."""
-        return band_mean(block_mean(self.fine, SAMPLES), self.bands).assign_attrs(scene=self.scene, bands="paper")
+        """Return the true cube: the fine one's means over mirrors and bands, with the scene's light in the same bands."""
+        cube = band_mean(block_mean(self.fine, SAMPLES), self.bands)
+        return cube.assign_attrs(scene=self.scene, bands="paper", illuminant=self._light())
+
+    def _light(self) -> str:
+        """Return the fine cube's note of its light, averaged over the bands."""
+        fine = bands_of(self.fine)
+        inside = np.minimum(fine.upper, self.bands.upper[:, None]) - np.maximum(fine.lower, self.bands.lower[:, None])
+        shares = np.maximum(inside, 0.0) / np.maximum(inside, 0.0).sum(1, keepdims=True)
+        noted = json.loads(self.fine.attrs["illuminant"])
+        white, lamps = (np.asarray(noted[name], np.float64).reshape(-1, fine.count) @ shares.T for name in ("white", "lamps"))
+        return json.dumps({"white": white[0].tolist(), "lamps": lamps.tolist()})
 
     @cached_property
     def truth(self) -> np.ndarray:
