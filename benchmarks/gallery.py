@@ -3,7 +3,7 @@
     python -m benchmarks.gallery [NAME ...] [--size 256] [--fresh] [--out docs/gallery]
 
 Each scene is rendered by the command that its page shows. What is done is kept in gallery.json: the same call goes on after an
-interruption, and renders again only what has changed (or all, with --fresh).
+interruption, and renders again only what has changed (or all, with --fresh); what a scene requires is asked anew each time.
 """
 
 from __future__ import annotations
@@ -69,6 +69,13 @@ def command_of(word: str, size: int) -> list[str]:
     return ["render", word, "--size", str(size), *error, "-o", "cube.nc"]
 
 
+def question_of(word: str) -> list[str]:
+    """Return the words of the command that tells what a scene requires to the same error."""
+    words = command_of(word, 1)
+    error = words[words.index("--error") : words.index("--error") + 2] if "--error" in words else []
+    return ["explain", word, *error]
+
+
 def run(words: list[str], folder: Path) -> tuple[str, str, float]:
     """Run optsim; return what it printed, its messages, and the seconds of CPU that it took."""
 
@@ -114,8 +121,6 @@ def entry_of(word: str, scene: Scene, size: int, out: Path) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "files"
         shutil.copytree(OWN.parent, folder)
-        error = words[words.index("--error") : words.index("--error") + 2] if "--error" in words else []
-        told = run(["explain", word, *error], folder)[0]
         _, messages, seconds = run(words, folder)
         data = read_cube(folder / "cube.nc")
     bands, cube = bands_of(data), data["radiance"].values.astype(np.float64)
@@ -129,8 +134,7 @@ def entry_of(word: str, scene: Scene, size: int, out: Path) -> dict[str, Any]:
     kept += ("dispersed_share", "error_dispersed", "error_elsewhere", "caustic_share")
     return {
         "description": scene.description,
-        "commands": [" ".join(["optsim", "explain", word, *error]), " ".join(["optsim", *words])],
-        "explain": told,
+        "commands": [" ".join(["optsim", *question_of(word)]), " ".join(["optsim", *words])],
         "warnings": [line.removeprefix("optsim: ") for line in messages.splitlines() if "warning: " in line],
         "pictures": pictures,
         "bands": bands.count,
@@ -206,12 +210,13 @@ def main() -> None:
             continue
         key = key_of(word, scene, chosen.size)
         if not chosen.fresh and done.get(scene.name, {}).get("key") == key and (chosen.out / f"{scene.name}.png").exists():
-            print(f"{scene.name}: up to date")
-            continue
-        start = time.monotonic()
-        done[scene.name] = {"key": key} | entry_of(word, scene, chosen.size, chosen.out)
+            print(f"{scene.name}: up to date", flush=True)
+        else:
+            start = time.monotonic()
+            done[scene.name] = {"key": key} | entry_of(word, scene, chosen.size, chosen.out)
+            print(f"{scene.name}: error {done[scene.name]['error']:.2g}, {time.monotonic() - start:.0f} s", flush=True)
+        done[scene.name]["explain"] = run(question_of(word), OWN.parent)[0]
         record.write_text(json.dumps(done, indent=1) + "\n")
-        print(f"{scene.name}: error {done[scene.name]['error']:.2g}, {time.monotonic() - start:.0f} s", flush=True)
     entries = {name: done[name] for name in names if name in done}
     (chosen.out / "README.md").write_text(page(entries, chosen.size))
 
