@@ -27,6 +27,8 @@ _HOME = {
     "Cosine": "spectral_basis",
     "Learned": "spectral_basis",
     "learned": "spectral_basis",
+    "Gap": "gap",
+    "PlugAndPlay": "plug_and_play",
     "Mixture": "mixture",
     "Quality": "quality",
     "PriorChoice": "quality",
