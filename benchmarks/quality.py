@@ -38,13 +38,13 @@ def candidates(bands: Bands) -> dict[str, Any]:
     }
 
 
-def interval(values: list[float]) -> tuple[float, float]:
-    """Return mean and half width of the 95 % interval of Student's t; infinite for one value."""
+def interval(values: list[float]) -> str:
+    """Return the half width of the 95 % interval of Student's t; one value has none."""
     from scipy.stats import t
 
     if len(values) < 2:
-        return float(np.mean(values)), float("inf")
-    return float(np.mean(values)), float(t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
+        return "(one)"
+    return f"+- {t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)):5.2f}"
 
 
 def gains(scene: str, size: int, seeds: int, names: list[str], threads: int | None) -> list[dict[str, Any]]:
@@ -69,11 +69,11 @@ def gains(scene: str, size: int, seeds: int, names: list[str], threads: int | No
 
 
 def told(row: dict[str, Any], name: str) -> str:
-    mean, half = interval(row[name])
     goal = GOALS.get(row["scene"], 0.0)
     goal = goal[row["sensor"]] if isinstance(goal, dict) else goal
     verdict = "met" if min(row[name]) >= goal else "NOT MET"
-    line = f"{row['scene']:22s}{row['sensor']:8s}{name:12s}{np.mean(row['l1_db']):8.2f}{mean:+9.2f} +- {half:5.2f}{min(row[name]):+9.2f}"
+    base, gain = np.mean(row["l1_db"]), np.mean(row[name])
+    line = f"{row['scene']:22s}{row['sensor']:8s}{name:12s}{base:8.2f}{gain:+9.2f}{interval(row[name]):>9s}{min(row[name]):+9.2f}"
     return f"{line}{goal:+7.1f} {verdict}"
 
 
