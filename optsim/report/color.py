@@ -19,6 +19,9 @@ D65 = _WHITE / _WHITE[1]
 WHITE_QUANTILE = 0.995
 """The brightest half per cent of pixels, by luminance, is the white of a picture."""
 
+GLARE_QUANTILE = 0.95
+"""What is brighter than so many pixels may be glare."""
+
 LAMP_SHARE, LAMP_EXCESS = 0.2, 4.0
 """A pixel that shows a lamp has this share of its luminance at least, and is so many times brighter than nine tenths of the picture."""
 
@@ -112,7 +115,8 @@ def exposure_of(cube: np.ndarray, bands: Bands, light: SceneLight | None = None)
     Args:
         cube: (y, x, K).
         bands: its K bands.
-        light: when it is known its colour is the white's, and lamps that are seen do not count as brightest.
+        light: when it is known its colour is the white's, lamps that are seen do not count as brightest, and glare, brighter than a
+            white surface in this light and than 95 % of the picture, does not darken the rest.
     """
     flat = xyz(cube, bands).reshape(-1, 3)
     luminance = flat[:, 1]
@@ -121,7 +125,10 @@ def exposure_of(cube: np.ndarray, bands: Bands, light: SceneLight | None = None)
     if not (white[1] > 0 and luminance.max() > 0):
         return Exposure(None)
     own = xyz(light.white, bands) if light is not None else white
-    return Exposure(own * white[1] / own[1] if own[1] > 0 else white)
+    if own[1] <= 0:
+        return Exposure(white)
+    level = white[1] if light is None else min(white[1], max(own[1], float(np.quantile(luminance[counted], GLARE_QUANTILE))))
+    return Exposure(own * level / own[1])
 
 
 def adaptation(white: np.ndarray) -> np.ndarray:

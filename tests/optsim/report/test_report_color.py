@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from optsim.cube import Bands
-from optsim.report.color import Exposure, adaptation, band_weights, exposure_of, lab, linear_srgb, srgb, xyz
+from optsim.report.color import Exposure, SceneLight, adaptation, band_weights, exposure_of, lab, linear_srgb, srgb, xyz
 
 colour = pytest.importorskip("colour")
 FINE = Bands.from_edges(np.arange(377.5, 783.0, 5.0))
@@ -90,6 +90,27 @@ def test_truth_and_estimate_share_one_exposure():
     truth = np.linspace(0.1, 1, 100).reshape(10, 10, 1) * np.ones(24)
     exposure = exposure_of(truth, bands)
     assert linear_srgb(truth / 2, bands, exposure) == pytest.approx(linear_srgb(truth, bands, exposure) / 2)
+
+
+def test_a_lamps_image_in_glass_does_not_darken_the_picture():
+    """A board of 80 % under a known light; two per cent of the pixels show glare, ten times as bright as white."""
+    bands = Bands.paper()
+    cube = np.full((20, 20, 24), 0.8)
+    cube[0, :8] = 10.0
+    light = SceneLight(np.ones(24), np.zeros((0, 24)))
+    assert linear_srgb(cube, bands, exposure_of(cube, bands, light))[10, 10] == pytest.approx([0.8] * 3, rel=1e-2)
+    assert linear_srgb(cube, bands, exposure_of(cube, bands))[10, 10] == pytest.approx([0.08] * 3, rel=1e-2), (
+        "nothing is known of the light"
+    )
+
+
+def test_a_picture_brighter_than_its_light_would_have_it_is_exposed_for_its_brightest_surfaces():
+    bands = Bands.paper()
+    cube = np.linspace(1, 10, 400).reshape(20, 20, 1) * np.ones(24)
+    light = SceneLight(np.full(24, 0.1), np.zeros((0, 24)))
+    picture = linear_srgb(cube, bands, exposure_of(cube, bands, light))[..., 1]
+    assert 0.04 < np.mean(picture > 1) <= 0.05
+    assert picture.max() < 1.1
 
 
 def test_without_visible_light_a_picture_is_the_mean_radiance_in_grey():
