@@ -91,11 +91,11 @@ class Interface:
     Args:
         table: the glasses' indices.
         bundle: what the path carries: of several nodes one is kept where they part.
-        both: whether a camera ray that meets glass follows both ways: this class then always reflects it, with the weight for it.
+        both: whether a camera ray that meets glass follows both ways: here it is then always reflected, with the weight for it.
     """
 
     def __init__(self, table: MaterialTable, bundle: Bundle, both: bool) -> None:
-        self.table, self.bundle, self.both = table, bundle, both
+        self.table, self.bundle, self.both = table, bundle, both and table.has_glass
         self.disperses = table.has_dispersion and bundle.nodes > 1
 
     def cross(self, si: Any, row: Any, node: Any, alone: Any, pick: Any, first: Any, active: Any) -> Crossing:

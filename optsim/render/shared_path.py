@@ -139,16 +139,14 @@ class SharedPath:
                 value, _, _, weighed = found[min(g, len(found) - 1)]
                 light[g] = dr.fma(weight[g], glow + dr.select(diffuse, reflected * on_diffuse, value * on_other), light[g])
                 weight[g] *= dr.select(diffuse, reflected, dr.select(glass, crossing.factor(g), weighed))
-            bounce = mi.warp.square_to_cosine_hemisphere(mi.Point2f(s, t))
-            chosen = found[0][2]
+            bounce, chosen = mi.warp.square_to_cosine_hemisphere(mi.Point2f(s, t)), found[0][2]
             ray = si.spawn_ray(si.to_world(dr.select(diffuse, bounce, dr.select(glass, crossing.direction, chosen.wo))))
             index = dr.select(glass, index * crossing.step, index)
             alone |= glass & crossing.parts
             seen |= glass & crossing.meets & direct
             direct &= ~smooth
-            before, density = si, dr.select(diffuse, bounce.z * dr.inv_pi, chosen.pdf)
+            before, density, depth = si, dr.select(diffuse, bounce.z * dr.inv_pi, chosen.pdf), depth + 1
             sharp = glass | (other & mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta))
-            depth += 1
             left = bundle.largest(weight) * index * index
             going = diffuse | glass | other
             cut += dr.select(going & (depth + 1 >= self.max_depth), left / dr.select(alone, bundle.nodes, 1), 0)
@@ -169,7 +167,7 @@ class SharedPath:
 
     def _kept(self, interface: Interface, kept: Any, si: Any, ray: Any, row: Any, crossing: Any, weight: Any, *path: Any) -> Any:
         """Keep what is to be followed later; tell whether that is all of the path."""
-        if not (interface.both and self.table.has_glass):
+        if not interface.both:
             return kept, mi.Bool(False)
         keep = crossing.first | (crossing.parts & ~kept.valid)
         weight = [w * dr.select(crossing.first, 1, dr.rcp(1 - crossing.chance)) for w in weight]
