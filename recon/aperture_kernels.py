@@ -12,21 +12,22 @@ import numpy as np
 from numba import njit
 
 from recon.simd import add, fma, load, load_some, mul, splat, store, store_some, sub, total
-from recon.spectral_kernels import BLOCK, aligned, copy_some, fold, per_vector, product
+from recon.spectral_kernels import BLOCK, FLOATS, aligned, copy_some, fold, per_vector, product
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}
 
 
 class Optics(NamedTuple):
-    """What a camera's kernels need, in one argument.
+    """What a camera's kernels need, in one argument. A tap is one sensor column that a band lands on; taps go by band.
 
     Args:
         masks: (L, M, N).
-        response: (C, K); used without a mosaic.
+        strength: (C, I) response times weight of each tap; with a mosaic (1, I), the weight alone.
         tile: (R, K, row_step(W) + 2 BLOCK) response of each different row of the mosaic, zeros around; empty without a mosaic.
         tile_of: (M,) which of them each sensor row is.
-        start: (K,) column of the first tap.
-        taps: (K, T).
+        band: (I,) band of each tap.
+        place: (I,) sensor column of mirror column 0.
+        first: (K + 1,) first tap of each band.
         even: packed matrix from bands to spectral coefficients, its even half; empty when cubes hold bands.
         odd: its odd half.
         even_back: packed matrix of the way back, its even half.
@@ -34,11 +35,12 @@ class Optics(NamedTuple):
     """
 
     masks: Any
-    response: Any
+    strength: Any
     tile: Any
     tile_of: Any
-    start: Any
-    taps: Any
+    band: Any
+    place: Any
+    first: Any
     even: Any
     odd: Any
     even_back: Any
@@ -66,6 +68,12 @@ def row_step(columns: int) -> int:
 
 
 @njit(nogil=True, cache=True)
+def row_apart(columns: int) -> int:
+    """Return how far apart rows of ``row_step(columns)`` places lie: a power of two would put all bands in few sets of the cache."""
+    return row_step(columns) + FLOATS
+
+
+@njit(nogil=True, cache=True)
 def read_row(cube: Any, m: int, step: int, out: Any) -> None:
     """Copy row m of every band, ``step`` apart, with zeros behind."""
     bands, columns, n = cube.shape[0], cube.shape[2], per_vector(cube)
@@ -80,117 +88,119 @@ def read_row(cube: Any, m: int, step: int, out: Any) -> None:
 
 
 @njit(nogil=True, cache=True)
-def to_bands(optics: Any, x: Any, step: int, bands: int, made: Any, out: Any) -> None:
-    """Turn a row of coefficients to bands; ``made`` holds one block of it."""
-    half, n = optics.odd.shape[1], per_vector(x)
-    lower = 4 * optics.even_back.shape[0] * BLOCK
-    apart = step if half == 0 else 2 * step
-    for at in range(0, step, BLOCK):
-        product(optics.even_back, x, at, apart, BLOCK, made, 0, BLOCK)
-        product(optics.odd_back, x, step + at, apart, BLOCK, made, lower, BLOCK)
-        for k in range(bands - half):
-            p, q = k * step + at, (bands - 1 - k) * step + at
-            for j in range(0, BLOCK, n):
+def to_bands(optics: Any, x: Any, step: int, mask: Any, made: Any, out: Any, to: int, apart: int) -> None:
+    """Turn a row of coefficients, ``step`` apart, to bands, ``apart`` apart from ``to`` on; ``made`` holds one block of it.
+
+    With one shot the bands are multiplied by its mask at once.
+    """
+    bands, half, n = optics.first.size - 1, optics.odd.shape[1], per_vector(x)
+    lower, one_shot = 4 * optics.even_back.shape[0] * BLOCK, optics.masks.shape[0] == 1
+    stride = step if half == 0 else 2 * step
+    for at in range(0, step - FLOATS, BLOCK):
+        product(optics.even_back, x, at, stride, BLOCK, made, 0, BLOCK)
+        product(optics.odd_back, x, step + at, stride, BLOCK, made, lower, BLOCK)
+        for j in range(0, BLOCK, n):
+            light = load(mask, at + j)
+            for k in range(bands - half):
                 u = load(made, k * BLOCK + j)
                 if k < half:
                     v = load(made, lower + k * BLOCK + j)
-                    store(out, q + j, sub(u, v))
+                    q = sub(u, v)
+                    store(out, to + (bands - 1 - k) * apart + at + j, mul(light, q) if one_shot else q)
                     u = add(u, v)
-                store(out, p + j, u)
+                store(out, to + k * apart + at + j, mul(light, u) if one_shot else u)
 
 
 @njit(nogil=True, cache=True)
-def to_coefficients(optics: Any, x: Any, step: int, bands: int, made: Any, out: Any) -> None:
-    """Turn a row of bands to coefficients; ``made`` holds one block of it, ``out`` has room for 8 rows of padding."""
-    half = optics.odd.shape[1]
+def to_coefficients(optics: Any, x: Any, made: Any, out: Any, to: int, step: int) -> None:
+    """Turn one block of bands, ``BLOCK`` apart, to coefficients, ``step`` apart from ``to`` on; ``out`` has room for 8 rows of padding."""
+    bands, half = optics.first.size - 1, optics.odd.shape[1]
+    fold(x, 0, BLOCK, bands, half, BLOCK, made, 0, BLOCK)
     apart = step if half == 0 else 2 * step
-    for at in range(0, step, BLOCK):
-        fold(x, at, step, bands, half, BLOCK, made, 0, BLOCK)
-        product(optics.even, made, 0, BLOCK, BLOCK, out, at, apart)
-        product(optics.odd, made, (bands - half) * BLOCK, BLOCK, BLOCK, out, step + at, apart)
+    product(optics.even, made, 0, BLOCK, BLOCK, out, to, apart)
+    product(optics.odd, made, (bands - half) * BLOCK, BLOCK, BLOCK, out, to + step, apart)
 
 
 @njit(nogil=True, cache=True)
-def see_row(optics: Any, m: int, x: Any, step: int, width: int, seen: Any, masked: Any) -> None:
+def see_row(optics: Any, m: int, mask: Any, x: Any, step: int, width: int, seen: Any, masked: Any) -> None:
     """Photograph one row of bands: ``seen`` gets a row of row_step(W) + 2 BLOCK places a shot and channel, zeros around it.
 
-    ``masked`` is K rows of step + 2 BLOCK places, zeros in the first and last BLOCK.
+    ``mask`` holds the masks of the row, L rows, and ``x`` its bands, both ``step`` apart; ``masked`` is K rows of step + 2 BLOCK
+    places, zeros in the first and last BLOCK.
     """
-    shots, columns = optics.masks.shape[0], optics.masks.shape[2]
-    bands, taps = optics.taps.shape
-    mosaic, n = optics.tile.shape[0] > 0, per_vector(x)
-    channels = 1 if mosaic else optics.response.shape[0]
-    long, there = step + 2 * BLOCK, row_step(width) + 2 * BLOCK
-    across = optics.masks.shape[1] * columns
-    tile0 = optics.tile_of[m] * bands * there
-    zero = splat(x.dtype.type(0))
-    for l in range(shots):
-        at = l * across + m * columns
-        for j in range(0, step, n):
-            mask = load_some(optics.masks, at + j, columns - j)
-            for k in range(bands):
-                store(masked, k * long + BLOCK + j, mul(mask, load(x, k * step + j)))
-        for c in range(channels):
-            to = (l * channels + c) * there + BLOCK
-            for j in range(0, row_step(width), 4 * n):
-                a0 = a1 = a2 = a3 = zero
-                for k in range(bands):
-                    for t in range(taps):
-                        o = k * long + BLOCK + min(max(j - optics.start[k] - t, -BLOCK), step)
-                        u0, u1, u2, u3 = load(masked, o), load(masked, o + n), load(masked, o + 2 * n), load(masked, o + 3 * n)
-                        if mosaic:
-                            w, o = splat(optics.taps[k, t]), tile0 + k * there + BLOCK + j
-                            u0, u1 = mul(u0, load(optics.tile, o)), mul(u1, load(optics.tile, o + n))
-                            u2, u3 = mul(u2, load(optics.tile, o + 2 * n)), mul(u3, load(optics.tile, o + 3 * n))
-                        else:
-                            w = splat(optics.taps[k, t] * optics.response[c, k])
-                        a0, a1, a2, a3 = fma(w, u0, a0), fma(w, u1, a1), fma(w, u2, a2), fma(w, u3, a3)
-                store(seen, to + j, a0)
-                store(seen, to + j + n, a1)
-                store(seen, to + j + 2 * n, a2)
-                store(seen, to + j + 3 * n, a3)
-            for j in range(width, row_step(width)):
-                seen[to + j] = 0
+    n, long = per_vector(x), step + 2 * BLOCK
+    for l in range(optics.masks.shape[0]):
+        for k in range(optics.first.size - 1):
+            for j in range(0, step - FLOATS, n):
+                store(masked, k * long + BLOCK + j, mul(load(mask, l * step + j), load(x, k * step + j)))
+        see_masked(optics, m, l, step, width, seen, masked)
 
 
 @njit(nogil=True, cache=True)
-def return_row(optics: Any, m: int, left: Any, step: int, width: int, mask: Any, out: Any) -> None:
-    """Spread one row of frames back over every band: ``out`` gets K rows of ``step`` places.
+def see_masked(optics: Any, m: int, l: int, step: int, width: int, seen: Any, masked: Any) -> None:
+    """Photograph one row behind the mask of shot ``l``; see ``see_row``."""
+    bands, n = optics.first.size - 1, per_vector(masked)
+    mosaic, taps, channels = optics.tile.shape[0] > 0, optics.place.size, optics.strength.shape[0]
+    size, long, longest = step - FLOATS, step + 2 * BLOCK, row_step(width)
+    there = longest + 2 * BLOCK
+    tile0 = optics.tile_of[m] * bands * there
+    zero = splat(masked.dtype.type(0))
+    for c in range(channels):
+        to = (l * channels + c) * there + BLOCK
+        for j in range(0, longest, 4 * n):
+            a0 = a1 = a2 = a3 = zero
+            for i in range(taps):
+                w = splat(optics.strength[c, i])
+                o = optics.band[i] * long + BLOCK + min(max(j - optics.place[i], -BLOCK), size)
+                u0, u1, u2, u3 = load(masked, o), load(masked, o + n), load(masked, o + 2 * n), load(masked, o + 3 * n)
+                if mosaic:
+                    o = tile0 + optics.band[i] * there + BLOCK + j
+                    u0, u1 = mul(u0, load(optics.tile, o)), mul(u1, load(optics.tile, o + n))
+                    u2, u3 = mul(u2, load(optics.tile, o + 2 * n)), mul(u3, load(optics.tile, o + 3 * n))
+                a0, a1, a2, a3 = fma(w, u0, a0), fma(w, u1, a1), fma(w, u2, a2), fma(w, u3, a3)
+            store(seen, to + j, a0)
+            store(seen, to + j + n, a1)
+            store(seen, to + j + 2 * n, a2)
+            store(seen, to + j + 3 * n, a3)
+        for j in range(width, longest):
+            seen[to + j] = 0
 
-    ``left`` is laid out as ``see_row`` leaves ``seen``; ``mask`` holds the masks of the row, L rows of ``step``.
+
+@njit(nogil=True, cache=True)
+def return_row(optics: Any, m: int, mask: Any, left: Any, step: int, width: int, at: int, size: int, out: Any, apart: int) -> None:
+    """Spread one row of frames back over the columns ``at .. at + size`` of every band: ``out`` gets K rows, ``apart`` apart.
+
+    ``left`` is laid out as ``see_row`` leaves ``seen``; ``mask`` holds the masks of the row, L rows, ``step`` apart.
     """
-    shots = optics.masks.shape[0]
-    bands, taps = optics.taps.shape
-    mosaic, n = optics.tile.shape[0] > 0, per_vector(left)
-    channels = 1 if mosaic else optics.response.shape[0]
+    shots, bands = optics.masks.shape[0], optics.first.size - 1
+    mosaic, n, channels = optics.tile.shape[0] > 0, per_vector(left), optics.strength.shape[0]
     longest = row_step(width)
     there = longest + 2 * BLOCK
     tile0 = optics.tile_of[m] * bands * there
     zero = splat(left.dtype.type(0))
     for k in range(bands):
-        for j in range(0, step, 4 * n):
+        for j in range(at, at + size, 4 * n):
             b0 = b1 = b2 = b3 = zero
             for l in range(shots):
                 a0 = a1 = a2 = a3 = zero
-                for t in range(taps):
-                    o = BLOCK + min(max(j + optics.start[k] + t, -BLOCK), longest)
+                for i in range(optics.first[k], optics.first[k + 1]):
+                    o = BLOCK + min(max(j + optics.place[i], -BLOCK), longest)
                     for c in range(channels):
-                        p = (l * channels + c) * there + o
+                        w, p = splat(optics.strength[c, i]), (l * channels + c) * there + o
                         u0, u1, u2, u3 = load(left, p), load(left, p + n), load(left, p + 2 * n), load(left, p + 3 * n)
                         if mosaic:
-                            w, p = splat(optics.taps[k, t]), tile0 + k * there + o
+                            p = tile0 + k * there + o
                             u0, u1 = mul(u0, load(optics.tile, p)), mul(u1, load(optics.tile, p + n))
                             u2, u3 = mul(u2, load(optics.tile, p + 2 * n)), mul(u3, load(optics.tile, p + 3 * n))
-                        else:
-                            w = splat(optics.taps[k, t] * optics.response[c, k])
                         a0, a1, a2, a3 = fma(w, u0, a0), fma(w, u1, a1), fma(w, u2, a2), fma(w, u3, a3)
                 p = l * step + j
                 b0, b1 = fma(load(mask, p), a0, b0), fma(load(mask, p + n), a1, b1)
                 b2, b3 = fma(load(mask, p + 2 * n), a2, b2), fma(load(mask, p + 3 * n), a3, b3)
-            store(out, k * step + j, b0)
-            store(out, k * step + j + n, b1)
-            store(out, k * step + j + 2 * n, b2)
-            store(out, k * step + j + 3 * n, b3)
+            to = k * apart + j - at
+            store(out, to, b0)
+            store(out, to + n, b1)
+            store(out, to + 2 * n, b2)
+            store(out, to + 3 * n, b3)
 
 
 @njit(nogil=True, cache=True)
@@ -203,20 +213,64 @@ def mask_row(optics: Any, m: int, step: int, out: Any) -> None:
             store(out, l * step + j, load_some(optics.masks, (l * rows + m) * columns + j, columns - j))
 
 
+class Work(NamedTuple):
+    """Buffers of one thread: see ``work_of``."""
+
+    masked: Any
+    bands: Any
+    block: Any
+    made: Any
+
+
+@njit(nogil=True, cache=True)
+def work_of(optics: Any, step: int, like: Any) -> Any:
+    """Allocate the buffers that ``see`` and ``give_back`` need: masked bands, bands, one block of bands and one of halves."""
+    count = optics.first.size - 1
+    spectral = optics.even.shape[0] > 0
+    return Work(
+        aligned(count * (step + 2 * BLOCK), like),
+        aligned(count * step if spectral and optics.masks.shape[0] > 1 else 0, like),
+        aligned(count * BLOCK if spectral else 0, like),
+        aligned((count + 8) * BLOCK if spectral else 0, like),
+    )
+
+
+@njit(nogil=True, cache=True)
+def see(optics: Any, m: int, mask: Any, x: Any, step: int, width: int, work: Any, seen: Any) -> None:
+    """Photograph one row of a cube: ``x`` holds its coefficients or bands, ``step`` apart; see ``see_row`` and ``Work``."""
+    if optics.even.shape[0] == 0:
+        see_row(optics, m, mask, x, step, width, seen, work.masked)
+    elif optics.masks.shape[0] == 1:
+        to_bands(optics, x, step, mask, work.made, work.masked, BLOCK, step + 2 * BLOCK)
+        see_masked(optics, m, 0, step, width, seen, work.masked)
+    else:
+        to_bands(optics, x, step, mask, work.made, work.bands, 0, step)
+        see_row(optics, m, mask, work.bands, step, width, seen, work.masked)
+
+
+@njit(nogil=True, cache=True)
+def give_back(optics: Any, m: int, mask: Any, left: Any, step: int, width: int, work: Any, out: Any) -> None:
+    """Spread one row of frames back: ``out`` gets the row's coefficients or bands, ``step`` apart, and 8 rows of padding."""
+    if optics.even.shape[0] == 0:
+        return_row(optics, m, mask, left, step, width, 0, step - FLOATS, out, step)
+        return
+    for at in range(0, step - FLOATS, BLOCK):
+        return_row(optics, m, mask, left, step, width, at, BLOCK, work.block, BLOCK)
+        to_coefficients(optics, work.block, work.made, out, at, step)
+
+
 @njit(nogil=True, cache=True)
 def forward_rows(first: int, last: int, x: Any, optics: Any, out: Any) -> None:
     """Apply H to the rows ``first..last`` of a cube."""
-    bands, columns, width = x.shape[0], x.shape[2], out.shape[3]
-    step, there = row_step(columns), row_step(width) + 2 * BLOCK
+    columns, width = x.shape[2], out.shape[3]
+    step, there = row_apart(columns), row_step(width) + 2 * BLOCK
     frames, across = out.shape[0] * out.shape[1], out.shape[2] * width
-    raw, made = aligned(bands * step, out), aligned((bands + 8) * BLOCK, out)
-    turned = aligned(bands * step, out) if optics.even.shape[0] > 0 else raw
-    masked, seen = aligned(bands * (step + 2 * BLOCK), out), aligned(frames * there, out)
+    work, raw = work_of(optics, step, out), aligned(x.shape[0] * step, out)
+    seen, mask = aligned(frames * there, out), aligned(out.shape[0] * step, out)
     for m in range(first, last):
+        mask_row(optics, m, step, mask)
         read_row(x, m, step, raw)
-        if optics.even.shape[0] > 0:
-            to_bands(optics, raw, step, bands, made, turned)
-        see_row(optics, m, turned, step, width, seen, masked)
+        see(optics, m, mask, raw, step, width, work, seen)
         for s in range(frames):
             copy_some(seen, s * there + BLOCK, width, out, s * across + m * width)
 
@@ -225,22 +279,18 @@ def forward_rows(first: int, last: int, x: Any, optics: Any, out: Any) -> None:
 def adjoint_rows(first: int, last: int, y: Any, optics: Any, out: Any) -> None:
     """Apply H^T to the rows ``first..last`` of frames."""
     bands, columns, width = out.shape[0], out.shape[2], y.shape[3]
-    step, there = row_step(columns), row_step(width) + 2 * BLOCK
+    step, there = row_apart(columns), row_step(width) + 2 * BLOCK
     frames, across = y.shape[0] * y.shape[1], y.shape[2] * width
     band, line = out.strides[0] // out.itemsize, out.strides[1] // out.itemsize
-    left, mask = aligned(frames * there, out), aligned(y.shape[0] * step, out)
-    back, made = aligned(bands * step, out), aligned((bands + 8) * BLOCK, out)
-    spectral = optics.even.shape[0] > 0
-    turned = aligned((bands + 8) * step, out) if spectral else back
+    work, left = work_of(optics, step, out), aligned(frames * there, out)
+    mask, back = aligned(y.shape[0] * step, out), aligned((bands + 8) * step, out)
     for m in range(first, last):
         for s in range(frames):
             copy_some(y, s * across + m * width, width, left, s * there + BLOCK)
         mask_row(optics, m, step, mask)
-        return_row(optics, m, left, step, width, mask, back)
-        if spectral:
-            to_coefficients(optics, back, step, bands, made, turned)
+        give_back(optics, m, mask, left, step, width, work, back)
         for k in range(bands):
-            copy_some(turned, k * step, columns, out, k * band + m * line)
+            copy_some(back, k * step, columns, out, k * band + m * line)
 
 
 @njit(nogil=True, cache=True, fastmath=FAST)
@@ -287,21 +337,16 @@ def descend_rows(first: int, last: int, x: Any, old: Any, seen_old: Any, beta: A
     ``seen_old`` holds ``H old`` and gets ``H x``; ``sums[m]`` gets ``||g - H x||^2`` of the row.
     """
     bands, columns, width = x.shape[0], x.shape[2], frames.shape[3]
-    step, there, n = row_step(columns), row_step(width) + 2 * BLOCK, per_vector(x)
+    step, there, n = row_apart(columns), row_step(width) + 2 * BLOCK, per_vector(x)
     count, across = frames.shape[0] * frames.shape[1], frames.shape[2] * width
     band, line = old.strides[0] // old.itemsize, old.strides[1] // old.itemsize
-    raw, made = aligned(bands * step, x), aligned((bands + 8) * BLOCK, x)
-    spectral = optics.even.shape[0] > 0
-    turned = aligned(bands * step, x) if spectral else raw
-    masked, left, mask = aligned(bands * (step + 2 * BLOCK), x), aligned(count * there, x), aligned(frames.shape[0] * step, x)
-    back = aligned(bands * step, x)
-    change = aligned((bands + 8) * step, x) if spectral else back
+    work, raw, change = work_of(optics, step, x), aligned(bands * step, x), aligned((bands + 8) * step, x)
+    left, mask = aligned(count * there, x), aligned(frames.shape[0] * step, x)
     speed, length = splat(beta), splat(rate)
     for m in range(first, last):
+        mask_row(optics, m, step, mask)
         read_row(x, m, step, raw)
-        if spectral:
-            to_bands(optics, raw, step, bands, made, turned)
-        see_row(optics, m, turned, step, width, left, masked)
+        see(optics, m, mask, raw, step, width, work, left)
         misfit = splat(x.dtype.type(0))
         for s in range(count):
             to, at = s * there + BLOCK, s * across + m * width
@@ -316,10 +361,7 @@ def descend_rows(first: int, last: int, x: Any, old: Any, seen_old: Any, beta: A
                 misfit = fma(gap, gap, misfit)
                 store(left, to + j, fma(speed, sub(before, now), gap))
         sums[m] = total(misfit)
-        mask_row(optics, m, step, mask)
-        return_row(optics, m, left, step, width, mask, back)
-        if spectral:
-            to_coefficients(optics, back, step, bands, made, change)
+        give_back(optics, m, mask, left, step, width, work, change)
         for k in range(bands):
             to = k * band + m * line
             for j in range(0, columns, n):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from recon.aperture_kernels import FAST, mask_row, return_row, row_step, see_row, to_bands, to_coefficients
+from recon.aperture_kernels import FAST, give_back, mask_row, row_apart, row_step, see, work_of
 from recon.simd import load, mul, store, sub
 from recon.spectral_kernels import BLOCK, aligned, per_vector
 from recon.step_kernels import finish_row, relax_row
@@ -99,27 +99,20 @@ def advance_groups(
     ``frames`` are weighted; ``weights`` (L, C, M, W) multiply H, or are of size 0.
     """
     bands, columns, rows, width = z.shape[0], z.shape[2], frames.shape[2], frames.shape[3]
-    step, there = row_step(columns), row_step(width) + 2 * BLOCK
+    step, there = row_apart(columns), row_step(width) + 2 * BLOCK
     count = frames.shape[0] * frames.shape[1]
-    spectral = optics.even.shape[0] > 0
-    raw, made = aligned(LANES * bands * step, z), aligned((bands + 8) * BLOCK, z)
-    turned, masked = aligned(bands * step, z), aligned(bands * (step + 2 * BLOCK), z)
+    work, raw, moved = work_of(optics, step, z), aligned(LANES * bands * step, z), aligned((bands + 8) * step, z)
     mask, left = aligned(frames.shape[0] * step, z), aligned(count * there, z)
-    back = aligned(bands * step, z)
-    moved = aligned((bands + 8) * step, z) if spectral else back
     y = aligned(width * count * LANES, z)
     g, d = frames.reshape(-1), weights.reshape(-1)
     for group in range(first, last):
         base = group * LANES
         lanes = min(LANES, rows - base)
         for v in range(lanes):
+            mask_row(optics, base + v, step, mask)
             here = raw[v * bands * step : (v + 1) * bands * step]
             sums[base + v, 0] = relax_row(z, w, x, base + v, relax, step, here)
-            if spectral:
-                to_bands(optics, here, step, bands, made, turned)
-                see_row(optics, base + v, turned, step, width, left, masked)
-            else:
-                see_row(optics, base + v, here, step, width, left, masked)
+            see(optics, base + v, mask, here, step, width, work, left)
             for s in range(count):
                 row, at = (s * rows + base + v) * width, s * there + BLOCK
                 for j in range(width):
@@ -133,7 +126,5 @@ def advance_groups(
                     found = y[(j * count + s) * LANES + v]
                     left[at + j] = found * d[row + j] if d.size > 0 else found
             mask_row(optics, base + v, step, mask)
-            return_row(optics, base + v, left, step, width, mask, back)
-            if spectral:
-                to_coefficients(optics, back, step, bands, made, moved)
+            give_back(optics, base + v, mask, left, step, width, work, moved)
             finish_row(z, w, x, base + v, ratio, step, raw[v * bands * step : (v + 1) * bands * step], moved, sums)

@@ -251,9 +251,12 @@ def optics(
     if tile.size:
         behind = kernels.row_step(camera.width) - camera.width + around
         tile = np.pad(tile, ((0, 0), (0, 0), (around, behind)))
-    masks, response, tile, taps = (np.ascontiguousarray(a, real) for a in (masks, response, tile, taps))
+    band, tap = np.nonzero(taps)
+    strength = np.atleast_2d(taps[band, tap]) * (1 if tile.size else response[:, band])
+    first = np.searchsorted(band, np.arange(taps.shape[0] + 1))
+    masks, strength, tile = (np.ascontiguousarray(a, real) for a in (masks, strength, tile))
     even, odd, even_back, odd_back = packed_halves(camera.spectral, real)
-    return kernels.Optics(masks, response, tile, tile_of, camera.first_column, taps, even, odd, even_back, odd_back)
+    return kernels.Optics(masks, strength, tile, tile_of, band, camera.first_column[band] + tap, first, even, odd, even_back, odd_back)
 
 
 def mosaic_tile(response: np.ndarray, mosaic: np.ndarray | None, rows: int) -> tuple[np.ndarray, np.ndarray]:

@@ -10,17 +10,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from recon.aperture_kernels import (
-    FAST,
-    _add_product,
-    mask_row,
-    read_row,
-    return_row,
-    row_step,
-    see_row,
-    to_bands,
-    to_coefficients,
-)  # fmt: skip
+from recon.aperture_kernels import FAST, _add_product, give_back, mask_row, read_row, row_apart, row_step, see, work_of
 from recon.simd import add, fma, load, load_some, mul, splat, store, store_some, sub, total
 from recon.spectral_kernels import BLOCK, aligned, copy_some, per_vector
 
@@ -108,28 +98,20 @@ def advance_rows(
     change, of x and of x - z.
     """
     bands, columns, width = z.shape[0], z.shape[2], frames.shape[3]
-    step, there, n = row_step(columns), row_step(width) + 2 * BLOCK, per_vector(z)
+    step, there, n = row_apart(columns), row_step(width) + 2 * BLOCK, per_vector(z)
     count, across = frames.shape[0] * frames.shape[1], frames.shape[2] * width
-    spectral = optics.even.shape[0] > 0
-    raw, made = aligned(bands * step, z), aligned((bands + 8) * BLOCK, z)
-    turned = aligned(bands * step, z) if spectral else raw
-    masked, mask = aligned(bands * (step + 2 * BLOCK), z), aligned(frames.shape[0] * step, z)
-    left, weight, back = aligned(count * there, z), aligned(count * there, z), aligned(bands * step, z)
-    moved = aligned((bands + 8) * step, z) if spectral else back
+    work, raw, moved = work_of(optics, step, z), aligned(bands * step, z), aligned((bands + 8) * step, z)
+    left, weight, mask = aligned(count * there, z), aligned(count * there, z), aligned(frames.shape[0] * step, z)
     for m in range(first, last):
+        mask_row(optics, m, step, mask)
         sums[m, 0] = relax_row(z, w, x, m, relax, step, raw)
-        if spectral:
-            to_bands(optics, raw, step, bands, made, turned)
-        see_row(optics, m, turned, step, width, left, masked)
+        see(optics, m, mask, raw, step, width, work, left)
         for s in range(count):
             to, at = s * there + BLOCK, s * across + m * width
             for j in range(0, width, n):
                 store(left, to + j, sub(load_some(frames, at + j, width - j), load(left, to + j)))
         _apply_inverse(inverse, m, width, count, left, there, weight)
-        mask_row(optics, m, step, mask)
-        return_row(optics, m, weight, step, width, mask, back)
-        if spectral:
-            to_coefficients(optics, back, step, bands, made, moved)
+        give_back(optics, m, mask, weight, step, width, work, moved)
         finish_row(z, w, x, m, ratio, step, raw, moved, sums)
 
 
@@ -137,7 +119,7 @@ def advance_rows(
 def relax_rows(first: int, last: int, z: Any, w: Any, x: Any, relax: Any, sums: Any) -> None:
     """First half of ``advance_rows`` for the other data steps: ``z += relax (w - x)``."""
     bands, columns = z.shape[0], z.shape[2]
-    step = row_step(columns)
+    step = row_apart(columns)
     band, line = z.strides[0] // z.itemsize, z.strides[1] // z.itemsize
     raw = aligned(bands * step, z)
     for m in range(first, last):
@@ -149,7 +131,7 @@ def relax_rows(first: int, last: int, z: Any, w: Any, x: Any, relax: Any, sums: 
 @njit(nogil=True, cache=True)
 def finish_rows(first: int, last: int, z: Any, step: Any, x: Any, w: Any, ratio: Any, sums: Any) -> None:
     """Second half of ``advance_rows`` for the other data steps: ``x = z + step`` and ``w = 2 x - z``; ``w`` may be ``step``."""
-    apart = row_step(z.shape[2])
+    apart = row_apart(z.shape[2])
     before, moved = aligned(z.shape[0] * apart, z), aligned(z.shape[0] * apart, z)
     for m in range(first, last):
         read_row(z, m, apart, before)
