@@ -61,7 +61,7 @@ class BandedStep:
 
         self._advance = banded_kernels.advance_groups
         self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
-        self.notes, self.condition = notes, 1.0
+        self.notes, self.condition = notes, 1.0 if rho > 0 else 1 / REGULAR[operator.dtype.name]
         self._operator = operator
         self._inverse = RowInverse(operator, rho, REGULAR[operator.dtype.name], weights)
         self._weights = None if weights is None else weights.astype(operator.dtype)

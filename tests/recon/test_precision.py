@@ -28,6 +28,14 @@ def test_X16_basis_pursuit_of_every_sensor_loses_under_0_01_db(sensor, shots, ca
     assert single == pytest.approx(double, abs=0.01)
 
 
+@pytest.mark.parametrize(("sensor", "shots"), [("mono", 3), ("bayer", 1), ("foveon", 1)])
+def test_X16_basis_pursuit_with_several_columns_a_band_is_solved_in_float64(sensor, shots, camera_of, cube_of, psnr_of):
+    truth, camera = cube_of(32, BANDS), camera_of(sensor, shots, 32, BANDS, spread=True)
+    double, single, chosen = scores(psnr_of, truth, camera, camera.forward(truth), solver=BasisPursuit(tolerance=1e-3))
+    assert chosen
+    assert single == pytest.approx(double, abs=0.01)
+
+
 @pytest.mark.parametrize("fraction", [1e-2, 1e-4, 2e-6, 1e-7, 1e-8])
 @pytest.mark.parametrize(("sensor", "shots"), [("mono", 3), ("mono", 12), ("bayer", 4), ("foveon", 4)])
 def test_X16_eq4_loses_under_0_01_db_at_any_tau(sensor, shots, fraction, camera_of, cube_of, psnr_of):
