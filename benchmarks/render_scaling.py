@@ -15,8 +15,8 @@ from scenes.scene import Scene
 
 SIDES = (32, 64, 128, 256)
 BANDS = (1, 24, 240)
-SAMPLES = (32, 128, 512, 2048)
-SIDE, SPP, DEPTH = 64, 512, 8
+SAMPLES = (32, 128, 512, 1024)
+SIDE, SPP, DEPTH = 64, 256, 8
 GOALS = {24: 2.0, 240: 10.0}
 """Largest time of so many bands, in times of one band."""
 RANGE_NM = (450.0, 670.0)

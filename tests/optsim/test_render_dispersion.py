@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optsim.cube import Bands
-from optsim.render import RenderSettings, render, render_to
+from optsim.render import RenderSettings, render, render_to, render_with_film
 from optsim.render.passes import run
 from optsim.render.shared_path import Parting
 from optsim.render.transport import Transport
@@ -73,6 +73,19 @@ def test_parted_paths_agree_with_a_path_for_every_node(name):
 @pytest.mark.parametrize("parting", [Parting(seen=1, met=1), Parting(seen=1000, met=5), Parting(seen=7, met=1000)], ids=str)
 def test_however_many_nodes_go_on_behind_the_glass_the_mean_is_the_same(parting):
     assert_same(values(room(), 1024, parting), values(room(), 256, Parting(apart=True), seed=1))
+
+
+@pytest.mark.slow
+def test_narrow_bands_agree_with_mitsubas_path_and_film_at_the_index_of_each():
+    """Two codes: a path that parts at the glass, and Mitsuba's own with one index, band by band."""
+    centre = np.array([460.0, 540, 660])
+    ours = render(room(), Bands(centre - 1, centre + 1, centre), (14, 18), RenderSettings(samples_per_pixel=2048, max_depth=12))
+    for k, nm in enumerate(centre):
+        one = Dielectric(index=float(STRONG.index_at(nm)))
+        band = Bands(centre[k : k + 1] - 1, centre[k : k + 1] + 1, centre[k : k + 1])
+        film = render_with_film(room(ball=one, other=one), band, (14, 18), RenderSettings(samples_per_pixel=4096, max_depth=12, seed=1))
+        a, b = (cube.isel(wavelength=i) for cube, i in ((ours, k), (film, 0)))
+        assert_same(*((c.radiance.values.reshape(1, -1), (c.stderr.values.reshape(1, -1).astype(float) ** 2).mean(1)) for c in (a, b)))
 
 
 def test_a_camera_inside_dispersing_glass_sees_what_a_path_for_every_node_sees():
