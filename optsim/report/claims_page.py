@@ -47,7 +47,7 @@ class ClaimsPage:
     Args:
         title: the verdict in one sentence.
         kicker: version and size of the study.
-        findings: sentences under the title.
+        glance: header and rows of the small table under the title.
         claims: in the paper's order.
         readings: every claim under every reading.
         method: paragraphs.
@@ -58,7 +58,7 @@ class ClaimsPage:
 
     title: str
     kicker: str
-    findings: Sequence[str]
+    glance: tuple[Sequence[str], Sequence[Sequence[str]]]
     claims: Sequence[ClaimLine]
     readings: Sequence[ReadingLine]
     method: Sequence[str]
@@ -73,7 +73,7 @@ def render_claims_page(page: ClaimsPage) -> str:
         tab="optsim: the paper’s claims",
         kicker=page.kicker,
         title=page.title,
-        lead=[tag("ul", [tag("li", text) for text in page.findings], class_="points")],
+        lead=[table(*page.glance, numeric_from=2)],
         sections=(
             ("verdicts", "The paper’s claims", _claims(page)),
             ("figures", "Figures", [_group(heading, drawn) for heading, drawn in page.figures if drawn]),

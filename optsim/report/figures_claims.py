@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 
+REACH_DB = 8.0
+"""How far from 0 the axis of readings goes at most."""
+
+
 @dataclass(frozen=True)
 class Point:
     """A number with its interval, in dB, and the series key whose colour it takes."""
@@ -51,16 +55,20 @@ class CurvePanel:
     curves: Sequence[Curve]
 
 
-def figure_forest(panels: Sequence[ForestPanel], directory: Path, name: str, title: str, caption: str) -> Drawn | None:
+def figure_forest(
+    panels: Sequence[ForestPanel], labels: Sequence[str], directory: Path, name: str, title: str, caption: str
+) -> Drawn | None:  # fmt: skip
     """Draw claims side by side, a line for each reading: points with 95 % intervals, the claimed range shaded.
+
+    What lies beyond the axis is marked by an arrow at its edge with the number.
 
     Args:
         panels: claims that share their readings.
+        labels: the readings from top to bottom.
         directory, name: where the files go.
         title, caption: of the figure.
     """
-    labels = list(dict.fromkeys(label for panel in panels for label in panel.points))
-    if not labels:
+    if not labels or not panels:
         return None
     figure = new_figure(10.0, 0.24 * len(labels) + 1.4)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
@@ -78,25 +86,36 @@ def figure_forest(panels: Sequence[ForestPanel], directory: Path, name: str, tit
 
 def _forest(ax: Axes, panel: ForestPanel, labels: Sequence[str]) -> list[str]:
     low, high = panel.claimed
-    values = [v for points in panel.points.values() for p in points for v in (p.low, p.high)]
-    left, right = min([*values, 0.0]), max([*values, high or low])
-    room = 0.04 * (right - left or 1.0)
-    left, right = max(left - room, -25.0), min(right + room, 25.0)
+    means = [p.mean for points in panel.points.values() for p in points]
+    left = max(min([*means, 0.0]) - 1.0, -REACH_DB)
+    right = min(max([*means, high or low + 1.0]) + 1.0, REACH_DB)
     ax.axvspan(low, right if high is None else high, color="#F0E442", alpha=0.3, linewidth=0)
     ax.axvline(0, color=INK, linewidth=0.8)
     seen = []
     for y, label in enumerate(labels):
         points = panel.points.get(label, ())
         for i, p in enumerate(points):
-            place = y + 0.3 * (i - (len(points) - 1) / 2)
-            ax.plot([p.low, p.high], [place, place], color=COLORS[p.key], linewidth=1.6, solid_capstyle="butt")
-            ax.plot([p.mean], [place], color=COLORS[p.key], marker=MARKERS[p.key], markersize=3.8)
+            _point(ax, p, y + 0.32 * (i - (len(points) - 1) / 2), (left, right))
             seen.append(p.key)
     ax.set_xlim(left, right)
     ax.set_title(panel.title, loc="left")
     ax.set_xlabel("dB")
     ax.tick_params(axis="y", length=0)
     return seen
+
+
+def _point(ax: Axes, p: Point, y: float, limits: tuple[float, float]) -> None:
+    left, right = limits
+    color = COLORS[p.key]
+    if left <= p.mean <= right:
+        ax.plot([max(p.low, left), min(p.high, right)], [y, y], color=color, linewidth=1.6, solid_capstyle="butt")
+        ax.plot([p.mean], [y], color=color, marker=MARKERS[p.key], markersize=3.8)
+        return
+    beyond = p.mean > right
+    ax.plot([right if beyond else left], [y], color=color, marker=">" if beyond else "<", markersize=5, clip_on=False)
+    room = 0.03 * (right - left)
+    at, side = (right - room, "right") if beyond else (left + room, "left")
+    ax.text(at, y, f"{p.mean:+.0f}".replace("-", "−"), color=color, fontsize=6.5, va="center", ha=side)
 
 
 def _handle(key: str) -> Line2D:

@@ -119,6 +119,12 @@ def test_false_colour_counts_in_decibels_and_more_shots_by_steps():
     assert min(steps) > 5
 
 
+def test_a_claim_without_mono_is_judged_once_for_both_readings_of_mono(judged):
+    mine = [(r.reading.data, r.reading.change, r.where) for r in judged if r.claim.ident == "target1-foveon-bayer"]
+    assert len(mine) == len(set(mine))
+    assert any("F equal" in change for _, change, _ in mine)
+
+
 def test_sizes_allow_half_a_decibel_or_a_quarter():
     assert (about(4).low, about(4).high) == (3, 5)
     assert (about(1).low, about(1).high) == (0.5, 1.5)
@@ -127,6 +133,7 @@ def test_sizes_allow_half_a_decibel_or_a_quarter():
     assert not about(4).met(5.1, 9)
 
 
+@pytest.mark.slow
 def test_the_whole_study_leaves_its_page_and_json_of_the_stated_form(tmp_path, monkeypatch):
     """With invented rows in place of solves: plan, verdicts, figures and page are the real ones."""
     monkeypatch.setattr("optsim.study.claims.run.run_task", lambda config, task, *_: row(task))

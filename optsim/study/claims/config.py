@@ -47,14 +47,14 @@ class ClaimsConfig(BaseModel):
     scenes: int = Field(20, ge=2, le=1000)
     masks: int = Field(5, ge=1, le=100)
     target_masks: int = Field(10, ge=2, le=100)
-    few_masks: int = Field(2, ge=1, le=100)
+    few_masks: int = Field(1, ge=1, le=100)
     few_target_masks: int = Field(5, ge=2, le=100)
     groups: tuple[Annotated[int, Field(ge=1, le=8)], ...] = Field((1, 2, 3, 4), min_length=1)
     physical_groups: tuple[Annotated[int, Field(ge=1, le=8)], ...] = Field((1, 4), min_length=1)
     light_e: tuple[Electrons, ...] = Field((50, 160, 500, 1600, 5000, 16000, 50000), min_length=1)
     budget_e: tuple[Electrons, ...] = Field((50, 500, 5000, 50000), min_length=1)
     noise_e: Electrons = 5000
-    light_scenes: int = Field(10, ge=2, le=1000)
+    light_scenes: int = Field(8, ge=2, le=1000)
     large: int | None = Field(256, ge=32, le=1024)
     large_masks: int = Field(3, ge=2, le=100)
     bench_masks: int = Field(5, ge=2, le=100)
@@ -80,23 +80,23 @@ class ClaimsConfig(BaseModel):
 
     @classmethod
     def quick(cls, seed: int = 0) -> ClaimsConfig:
-        """Return the quick form: 48 x 48, four random scenes, R = 1/8 and 1/2, five minutes at most on two cores."""
+        """Return the quick form: 40 x 40, three random scenes, R = 1/8 and 1/2, five minutes at most on two cores."""
         return cls(
             seed=seed,
-            size=48,
-            scenes=4,
+            size=40,
+            scenes=3,
             masks=1,
-            target_masks=4,
+            target_masks=5,
             few_masks=1,
-            few_target_masks=3,
+            few_target_masks=4,
             groups=(1, 4),
             physical_groups=(1,),
-            light_e=(50, 500, 5000, 50000),
+            light_e=(50, 5000, 50000),
             budget_e=(5000,),
-            light_scenes=3,
+            light_scenes=2,
             large=None,
             bench_masks=3,
             bench_groups=(1,),
-            bench_size=48,
+            bench_size=40,
             render_error=0.02,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,7 +33,8 @@ def draw(found: Claims, store: Store) -> list[tuple[str, list[Drawn]]]:
     folder = found.folder / "figures"
     with styled():
         forests = [forest(found, place, words, folder) for place, words in PLACES]
-        light = [light_curve(found, folder), *(budget_figure(found, place, words, folder) for place, words in PLACES)]
+        light = [light_curve(found, folder), *(light_gaps(found, mono, folder) for mono in (MONO_DISTINCT, MONO_REPEATED))]
+        light += [*(budget_figure(found, place, words, folder) for place, words in PLACES)]
         shots = [against_ratio(found, folder)]
         groups: list[tuple[str, Sequence[Drawn | None]]] = [
             ("Every reading", forests),
@@ -48,32 +49,46 @@ def draw(found: Claims, store: Store) -> list[tuple[str, list[Drawn]]]:
 def forest(found: Claims, place: str, words: str, folder: Path) -> Drawn | None:
     """Draw the three gaps at R = 1/8 under every reading, both readings of mono on one line; noise at one level only."""
     level = f"{found.config.noise_e:g} electrons"
-    panels = []
-    for pair, title in PAIRS:
-        rows = [
-            r
-            for r in found.rows
-            if r.claim.ident == f"{place}-{pair}" and r.groups == 1 and (r.reading.data != NOISY or level in r.reading.change)
-        ]
-        if not rows:
-            continue
-        points: dict[str, list[Point]] = {}
-        for row in rows:
-            points.setdefault(label(row, found.config.size), []).append(point(row))
-        panels.append(ForestPanel(title, points, (rows[0].claim.size.low, rows[0].claim.size.high)))
+    rows = [r for r in gaps(found, place) if r.reading.data != NOISY or level in r.reading.change]
     caption = (
         f"{words} at R = 1/8: mean paired difference of PSNR with its 95 % interval under every reading; yellow: what the paper claims. "
-        "Blue: monochrome’s three shots with three masks; light blue: with one mask. Where a reading does not touch a pair it "
-        "stands at its base."
+        "Blue: monochrome’s three shots with three masks; light blue: with one mask. A pair that a reading does not touch is left out."
     )
-    return figure_forest(panels, folder, f"readings-{place}", f"Every reading: {words.lower()}", caption)
+    panels, labels = forest_panels(rows, place, lambda row: label(row, found.config.size))
+    return figure_forest(panels, labels, folder, f"readings-{place}", f"Every reading: {words.lower()}", caption)
+
+
+def gaps(found: Claims, place: str) -> list[Judged]:
+    """Return the rows about gaps at R = 1/8 on a target or the random scenes, in the order of the readings."""
+    named = {f"{place}-{pair}" for pair, _ in PAIRS}
+    return [r for r in found.rows if r.claim.ident in named and r.groups == 1]
+
+
+def forest_panels(rows: Sequence[Judged], place: str, name: Callable[[Judged], str]) -> tuple[list[ForestPanel], list[str]]:
+    """Return a panel for each gap, and the labels from top to bottom: matched, physical, noise, each base first."""
+    panels = []
+    for pair, title in PAIRS:
+        mine = [r for r in rows if r.claim.ident == f"{place}-{pair}"]
+        points: dict[str, list[Point]] = {}
+        for row in mine:
+            points.setdefault(name(row), []).append(point(row))
+        if mine:
+            panels.append(ForestPanel(title, points, (mine[0].claim.size.low, mine[0].claim.size.high)))
+    ranked = sorted(rows, key=lambda r: (r.reading.data == NOISY, r.reading.data == PHYSICAL, not r.reading.base))
+    return panels, list(dict.fromkeys(name(row) for row in ranked))
 
 
 def label(row: Judged, size: int) -> str:
     """Write a reading without its mask rule."""
     reading, large = row.reading, row.where.rsplit(", ", 1)[-1]
-    name = f"{reading.data.upper() if reading.base else reading.data}: {reading.change or 'base'}"
+    data = "noise" if reading.data == NOISY else reading.data
+    name = f"{data}: BASE" if reading.base else f"{data}: {short(reading.change)}"
     return name if large == f"{size} x {size}" else f"{name}, {large}"
+
+
+def short(change: str) -> str:
+    """Write a change in few words."""
+    return change.removeprefix("budget ").replace(" in every sensor's brightest pixel", "").replace(" of the responses", "")
 
 
 def point(row: Judged) -> Point:
@@ -121,25 +136,33 @@ def electrons(reading: Reading) -> float:
     return float(capture.electrons)  # type: ignore[attr-defined]
 
 
+def light_gaps(found: Claims, mono: Series, folder: Path) -> Drawn | None:
+    """Draw the three gaps against light at equal total time, for one reading of mono."""
+    panels = []
+    for place, words in PLACES:
+        curves = []
+        for pair, key, words_pair in (("bayer-mono", BAYER.key, "Bayer − mono"), ("foveon-mono", FOVEON.key, "Foveon − mono")):
+            rows = [r for r in gaps(found, place) if r.claim.ident == f"{place}-{pair}" and r.reading.mono == mono]
+            rows = [r for r in rows if r.reading.data == NOISY and r.reading.change.startswith(f"budget {EqualTime.name}")]
+            points = [(electrons(r.reading), Point(r.estimate.mean, r.estimate.low, r.estimate.high, key)) for r in rows]
+            curves.append(Curve(key, words_pair, sorted(points, key=lambda p: p[0])))
+        panels.append(CurvePanel(words.lower(), curves))
+    masks = {"distinct": "three masks", "repeated": "one mask"}[mono.masks]
+    caption = f"The colour sensors over mono, whose three shots have {masks} and together the time of one colour shot; R = 1/8, paired."
+    title = f"Gaps against light at equal total time, mono with {masks}"
+    return figure_curves(panels, folder, f"light-gaps-{mono.masks}", title, caption, x_label="electrons", log=True)
+
+
 def budget_figure(found: Claims, place: str, words: str, folder: Path) -> Drawn | None:
     """Draw the three gaps under all budgets at all their levels."""
-    panels = []
-    for pair, title in PAIRS:
-        rows = [
-            r
-            for r in found.rows
-            if r.claim.ident == f"{place}-{pair}" and r.reading.data == NOISY and "," not in _after_level(r.reading.change)
-        ]
-        points: dict[str, list[Point]] = {}
-        for row in rows:
-            points.setdefault(row.reading.change.removeprefix("budget "), []).append(point(row))
-        if rows:
-            panels.append(ForestPanel(title, points, (rows[0].claim.size.low, rows[0].claim.size.high)))
+    rows = [r for r in gaps(found, place) if r.reading.data == NOISY and "," not in _after_level(r.reading.change)]
+    rows = sorted(rows, key=lambda r: (r.reading.change[:9], electrons(r.reading)))
     caption = (
         f"{words} at R = 1/8 under the light budgets A to F: mean paired difference of PSNR with its 95 % interval; yellow: "
         "what the paper claims."
     )
-    return figure_forest(panels, folder, f"budgets-{place}", f"Light budgets: {words.lower()}", caption)
+    panels, labels = forest_panels(rows, place, lambda row: short(row.reading.change))
+    return figure_forest(panels, labels, folder, f"budgets-{place}", f"Light budgets: {words.lower()}", caption)
 
 
 def _after_level(change: str) -> str:

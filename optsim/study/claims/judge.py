@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -16,6 +16,10 @@ from optsim.study.statistics import Estimate, holm, paired_estimate, weakest
 
 LEVEL = 0.05
 """Chance of any false "holds" among the readings of one claim."""
+
+
+CLEAR = 0.7
+"""A condition is named when so large a part of the readings that meet it hold, and at most the rest of the others."""
 
 
 class Verdict(Enum):
@@ -90,12 +94,22 @@ def _entry(claim: PaperClaim, reading: str, e: Estimate, verdict: Verdict) -> di
 
 def judge(tables: Sequence[Table], seed: int) -> list[Judged]:
     """Judge every claim under every reading that bears on it; the p values of a claim are corrected over all its readings."""
-    found = [row for table in tables for row in _measured(table, seed)]
+    found = list(_once(row for table in tables for row in _measured(table, seed)))
     adjusted: dict[int, float] = {}
     for claim in CLAIMS:
         mine = [i for i, row in enumerate(found) if row.claim is claim]
         adjusted |= dict(zip(mine, holm([found[i].estimate.p for i in mine])))
     return [_decided(row, adjusted[i]) for i, row in enumerate(found)]
+
+
+def _once(rows: Iterable[Judged]) -> Iterator[Judged]:
+    """Leave out what another reading of mono repeats: a claim without mono is the same claim."""
+    seen = set()
+    for row in rows:
+        key = (row.claim.ident, row.reading.data, row.reading.change, row.where)
+        if "mono" in row.claim.measure.sensors or key not in seen:
+            yield row
+        seen.add(key)
 
 
 def _decided(row: Judged, p: float) -> Judged:
@@ -166,11 +180,11 @@ def _condition(rows: Sequence[Judged], good: Sequence[bool]) -> str:
         return sum(inside(row, trait) == g for row, g in zip(rows, good)) / len(rows)
 
     words, trait = max(traits, key=lambda t: agreement(t[1]))
-    share = agreement(trait)
     held = sum(g for row, g in zip(rows, good) if inside(row, trait))
     total = sum(inside(row, trait) for row in rows)
-    if share == 1:
+    others, rest = sum(good) - held, len(rows) - total
+    if agreement(trait) == 1:
         return words
-    if share >= 0.75 and held:
-        return f"{words}: {held} of {total} such readings, {sum(good) - held} of the {len(rows) - total} others"
+    if held >= CLEAR * total and others <= (1 - CLEAR) * rest:
+        return f"{words}: {held} of {total} such readings, {others} of the {rest} others"
     return "under single readings, see the table"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from recon.prior import Prior
 
 Tick = Callable[..., None]
-FRACTIONS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
+FRACTIONS = (3e-4, 6e-5, 1.3e-5, 3e-6)
 """Values of tau / tau_max for data without noise."""
 NOISY_FRACTIONS = (3e-1, 1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
 BENCH_FRACTIONS = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
@@ -122,7 +122,7 @@ class BlindTau:
     @property
     def cost(self) -> float:
         """Return its expected time over that of basis pursuit."""
-        return 2.0 * len(self.fractions) * (QUALITY_COST if self.quality else 1.0)
+        return 1.5 * len(self.fractions) * (QUALITY_COST if self.quality else 1.0)
 
     def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
         """Choose and solve."""
@@ -157,7 +157,7 @@ class KnownNoise:
     @property
     def cost(self) -> float:
         """Return its expected time over that of basis pursuit."""
-        return 10.0 * (QUALITY_COST if self.quality else 1.0)
+        return 8.0 * (QUALITY_COST if self.quality else 1.0)
 
     def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
         """Choose and solve."""
@@ -180,7 +180,7 @@ class OracleTau:
     """Eq. 4 by ADMM at the tau, of a grid, whose answer is nearest the truth."""
 
     name = "eq4-oracle"
-    cost = 12.0
+    cost = 6.0
 
     def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
         """Solve for every tau and take the best."""

@@ -43,7 +43,7 @@ def write_page(found: Claims, store: Store, command: str) -> None:
     shown = ClaimsPage(
         title=title(found.verdicts),
         kicker=f"optsim {__version__} · the paper’s claims · {sizes(found)}",
-        findings=findings(found),
+        glance=glance(found),
         claims=[claim_line(v) for v in found.verdicts],
         readings=[reading_line(row) for row in found.rows],
         method=METHOD,
@@ -74,27 +74,22 @@ def sizes(found: Claims) -> str:
     return f"{len(found.tables)} readings, two targets and {scenes} random scenes, {len(trials)} trials at {pictures} × 24"
 
 
-def findings(found: Claims) -> list[str]:
-    """Write what the bases say of each gap at R = 1/8."""
-    sentences = []
-    for reading in (table.reading for table in found.tables if table.reading.base and table.size == found.config.size):
-        rows = {r.claim.ident: r for r in found.rows if r.reading is reading and r.groups == 1}
-        for target, words in (("target1", "target 1"), ("target2", "target 2"), ("scenes", "random scenes")):
-            named = (("bayer-mono", "Bayer − mono"), ("foveon-mono", "Foveon − mono"), ("foveon-bayer", "Foveon − Bayer"))
-            parts = [f"{name} {number(rows[f'{target}-{pair}'].estimate)}" for pair, name in named if f"{target}-{pair}" in rows]
-            if parts:
-                sentences.append(f"{capital(reading.name)}, {words}, R = 1/8, dB: {'; '.join(parts)}.")
-    return sentences
-
-
-def capital(text: str) -> str:
-    """Write the first letter large."""
-    return text[:1].upper() + text[1:]
+def glance(found: Claims) -> tuple[Sequence[str], Sequence[Sequence[str]]]:
+    """Tabulate what the bases say of each gap at R = 1/8."""
+    named = (("bayer-mono", "Bayer − mono"), ("foveon-mono", "Foveon − mono"), ("foveon-bayer", "Foveon − Bayer"))
+    lines = []
+    for target, words in (("target1", "target 1"), ("target2", "target 2"), ("scenes", "random scenes")):
+        for reading in (t.reading for t in found.tables if t.reading.base and t.size == found.config.size):
+            rows = {r.claim.ident: r for r in found.rows if r.reading is reading and r.groups == 1}
+            if any(f"{target}-{pair}" in rows for pair, _ in named):
+                cells = [number(rows[key].estimate) if (key := f"{target}-{pair}") in rows else "–" for pair, _ in named]
+                lines.append((words, reading.name, *cells))
+    return ("R = 1/8, dB [95 %]", "base reading", *(name for _, name in named)), lines
 
 
 def number(e: Estimate) -> str:
     """Write a number with its interval."""
-    return f"{signed(e.mean)} [{signed(e.low)}, {signed(e.high)}]"
+    return f"{signed(e.mean)} [{signed(e.low)}, {signed(e.high)}]".replace(" ", "\u00a0")
 
 
 def signed(value: float) -> str:
