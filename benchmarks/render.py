@@ -118,17 +118,18 @@ def partings(case: Case, samples: int, rounds: int) -> list[dict[str, Any]]:
     return rows
 
 
-def show(rows: list[dict[str, Any]]) -> None:
-    """Print a table."""
+def show(rows: list[dict[str, Any]], scene: str) -> None:
+    """Print the rows of a scene."""
     head = ("first s", 8), ("s", 7), ("nMSE", 10), ("s x nMSE", 10), ("ratio", 9), ("goal", 5)
     print(f"{'scene':17s} {'px':>4s} {'route':29s} " + " ".join(f"{word:>{width}s}" for word, width in head))
-    for r in rows:
+    for r in (row for row in rows if row["scene"] == scene):
         goal = "" if r["goal"] is None else f"{r['goal']:.0f}{'' if r['met'] else ' !'}"
         less, more = ("<", ">") if r["bound"] else ("", "")
         values = f"{less}{r['nmse']:.3g}", f"{less}{r['cost']:.3g}", f"{more}{r['ratio']:.1f}"
         print(
             f"{r['scene']:17s} {r['size']:4d} {r['route']:29s} {r['first_s']:8.2f} {r['seconds']:7.2f} {values[0]:>10s} {values[1]:>10s} "
-            f"{values[2]:>9s} {goal:>5s}"
+            f"{values[2]:>9s} {goal:>5s}",
+            flush=True,
         )
 
 
@@ -145,17 +146,20 @@ def main() -> None:
     parser.add_argument("--plots", type=Path, nargs="?", const=Path("docs/figures"), default=None, metavar="DIR", help="implies --scaling")
     chosen = parser.parse_args()
     built = scenes()
-    rows = [row for name in chosen.scene for row in table(name, case_of(built[name], chosen.size), chosen.samples, chosen.rounds)]
-    tried = partings(case_of(built["dispersive glass"], chosen.size), chosen.samples, chosen.rounds) if chosen.parting else []
+    rows, tried = list[dict[str, Any]](), list[dict[str, Any]]()
+    for name in chosen.scene:
+        rows += table(name, case_of(built[name], chosen.size), chosen.samples, chosen.rounds)
+        if not chosen.json:
+            show(rows, name)
+    if chosen.parting:
+        tried = partings(case_of(built["dispersive glass"], chosen.size), chosen.samples, chosen.rounds)
+        if not chosen.json:
+            show(tried, "dispersive glass")
     scaling = render_scaling.measure(built["relief"], chosen.rounds) if chosen.scaling or chosen.plots is not None else None
     if chosen.json:
         print(json.dumps({"bands": 24, "rows": rows, "parting": tried, "scaling": scaling}))
-    else:
-        for part in (rows, tried):
-            if part:
-                show(part)
-        if scaling is not None:
-            render_scaling.show(scaling)
+    elif scaling is not None:
+        render_scaling.show(scaling)
     if chosen.plots is not None and scaling is not None:
         render_scaling.plot(scaling, rows, chosen.plots / "render_speed.png")
 
