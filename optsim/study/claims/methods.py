@@ -21,6 +21,10 @@ FRACTIONS = (3e-4, 6e-5, 1.3e-5, 3e-6)
 """Values of tau / tau_max for data without noise."""
 NOISY_FRACTIONS = (3e-1, 1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
 BENCH_FRACTIONS = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
+QUALITY_FRACTIONS = (3e-2, 3e-3, 3e-4, 3e-5)
+"""The same for the quality mode under noise: tau is interpolated between them."""
+PATH_ITERATIONS = 100
+"""Of each value of tau on the way to the chosen one; the final solve has the solver's own limit."""
 PURSUIT_TOLERANCE = 1e-3
 """Leaves the PSNR within 0.01 dB of a tolerance twenty times smaller."""
 
@@ -68,7 +72,7 @@ def best_prior() -> Prior:
     return quality(Bands.paper())
 
 
-QUALITY_COST = 4.0
+QUALITY_COST = 5.0
 """Time of a solve with the quality mode's prior over one with the l1 norm."""
 
 
@@ -122,7 +126,7 @@ class BlindTau:
     @property
     def cost(self) -> float:
         """Return its expected time over that of basis pursuit."""
-        return 1.5 * len(self.fractions) * (QUALITY_COST if self.quality else 1.0)
+        return (1.3 * len(self.fractions) + 1.5) * (QUALITY_COST if self.quality else 1.0)
 
     def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
         """Choose and solve."""
@@ -130,7 +134,8 @@ class BlindTau:
         from recon.tau import AutoTau, TauPath
         from recon.tau.choice import Given
 
-        rule, prior = AutoTau(path=TauPath(fractions=self.fractions)), best_prior() if self.quality else None
+        rule = AutoTau(path=TauPath(fractions=self.fractions, solver=Admm(max_iterations=PATH_ITERATIONS)))
+        prior = best_prior() if self.quality else None
         choice, _ = rule.try_all(taken.operator, taken.signal, Given(prior=prior, threads=1), on_iteration=tick)
         more = {"prior": prior, "start": choice.start, "threads": 1, "on_iteration": tick}
         solution = reconstruct(taken.operator, taken.signal, solver=Admm(), tau=choice.tau, **more)
@@ -157,7 +162,7 @@ class KnownNoise:
     @property
     def cost(self) -> float:
         """Return its expected time over that of basis pursuit."""
-        return 8.0 * (QUALITY_COST if self.quality else 1.0)
+        return 5.0 * QUALITY_COST if self.quality else 7.0
 
     def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
         """Choose and solve."""
@@ -168,7 +173,8 @@ class KnownNoise:
         noise = taken.variance if self.weighted else np.asarray(taken.variance.mean())
         prior = best_prior() if self.quality else None
         tick()
-        rule = Discrepancy(path=TauPath(fractions=NOISY_FRACTIONS))
+        fractions = QUALITY_FRACTIONS if self.quality else NOISY_FRACTIONS
+        rule = Discrepancy(path=TauPath(fractions=fractions, solver=Admm(max_iterations=PATH_ITERATIONS)))
         choice = rule.choose(taken.operator, taken.signal, prior=prior, noise=noise, threads=1)
         more = {"prior": prior, "noise": noise, "start": choice.start, "threads": 1, "on_iteration": tick}
         solution = reconstruct(taken.operator, taken.signal, solver=Admm(), tau=choice.tau, **more)
@@ -199,4 +205,7 @@ class OracleTau:
 def settings() -> dict[str, Any]:
     """Return what decides the answers of all methods, for the keys of finished work."""
     prior = quality(Bands.paper()).model_dump(mode="json")
-    return {"fractions": FRACTIONS, "noisy": NOISY_FRACTIONS, "bench": BENCH_FRACTIONS, "pursuit": PURSUIT_TOLERANCE, "quality": prior}
+    return {"fractions": FRACTIONS, "noisy": NOISY_FRACTIONS, "bench": BENCH_FRACTIONS, "pursuit": PURSUIT_TOLERANCE, "quality": prior} | {
+        "path": PATH_ITERATIONS,
+        "quality_fractions": QUALITY_FRACTIONS,
+    }
