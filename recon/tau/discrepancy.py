@@ -129,7 +129,7 @@ class _Ruler:
             self._operator,
             self._frames + PROBE * self._sigma * signs,
             prior=about.prior,
-            solver=self._rule.path.solver_for(self._operator),
+            solver=self._rule.path.solver_for(self._operator, about),
             tau=solution.tau,
             noise=about.noise,
             nonnegative=about.nonnegative,

@@ -14,6 +14,8 @@ from recon.coded_aperture import CodedAperture
 from recon.config import Config
 from recon.errors import InputError
 from recon.fista import Fista
+from recon.gpsr import Gpsr
+from recon.l1 import L1
 from recon.operator import Operator
 from recon.problem import OnIteration, Solver
 from recon.solution import Solution
@@ -32,7 +34,8 @@ class TauPath(Config):
 
     Args:
         fractions: strictly falling values of tau / tau_max, each above 0 and below 1, 1 to 64 of them.
-        solver: configuration of the solves; None: ``Admm`` where a ``CodedAperture`` makes its data step exact, else ``Fista``.
+        solver: configuration of the solves; None: ``Admm`` where a ``CodedAperture`` makes its data step exact, else ``Gpsr`` for the
+            l1 norm without weights and ``Fista`` for other priors.
     """
 
     fractions: tuple[float, ...] = Field(default=(1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5), min_length=1, max_length=64)
@@ -101,7 +104,7 @@ class TauPath(Config):
         about = Given() if given is None else given
         if largest is None:
             largest = tau_max(operator, frames, prior=about.prior, noise=about.noise, threads=about.threads)
-        solver = self.solver_for(operator)
+        solver = self.solver_for(operator, about)
         found: list[Solution] = []
         for fraction in self.fractions:
             start = _followed(guide, found) if guide else self._predicted(found)
@@ -120,11 +123,14 @@ class TauPath(Config):
             found.append(solution)
             yield solution
 
-    def solver_for(self, operator: Operator) -> Solver:
-        """Return the solver given, or the one that suits the operator."""
+    def solver_for(self, operator: Operator, given: Given) -> Solver:
+        """Return the solver given, or the one that suits the operator and the prior."""
         if self.solver is not None:
             return cast(Solver, self.solver)
-        return Admm(max_iterations=200) if isinstance(operator, CodedAperture) else Fista(max_iterations=160, tolerance=1e-4)
+        if isinstance(operator, CodedAperture):
+            return Admm(max_iterations=200)
+        plain = not given.nonnegative and (given.prior is None or (isinstance(given.prior, L1) and given.prior.weights is None))
+        return Gpsr(max_iterations=160, tolerance=1e-4) if plain else Fista(max_iterations=160, tolerance=1e-4)
 
     def _predicted(self, found: list[Solution]) -> np.ndarray | None:
         """Continue the last change, in proportion to the step in log tau, at most in full (theory.md (S.38))."""
