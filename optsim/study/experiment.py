@@ -152,7 +152,10 @@ def run_experiment(
     store = Store(folder)
     shoots = [Shoot(series, groups, config.size) for groups in config.groups for series in SERIES]
     with threadpool_limits(limits=1, user_api="blas"):
-        rows = _run(config, shoots, store, quiet)
+        try:
+            rows = _run(config, shoots, store, quiet)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"stopped; what is finished stays in {folder}, and the same command goes on from there") from None
     truth = store.load(f"{_cube_name(config)}.nc")
     signatures = _signatures(config, shoots, truth, store)
     found = Experiment(

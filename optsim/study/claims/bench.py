@@ -10,7 +10,7 @@ import numpy as np
 from optsim.camera import CameraConfig, Distinct, Exposure, Mono, Noise, band_model_of, masks_for, photograph, signal_of
 from optsim.camera.emulate import GlassPlates, bayer_of, foveon_of, plate_exposures
 from optsim.report.data import Series
-from optsim.study.claims.captures import _PHOTOGRAPH, READ_NOISE_E, Taken, draw
+from optsim.study.claims.captures import PHOTOGRAPH, READ_NOISE_E, Taken, draw
 from optsim.study.claims.worlds import World
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Bench:
         camera, mono = CameraConfig(), Mono.silicon()
         noise = Noise(bits=BENCH_BITS, read_noise_e=READ_NOISE_E)
         exposure = Exposure(noise=noise, seed=seed, masks_name=series.masks)
-        with _PHOTOGRAPH:
+        with PHOTOGRAPH:
             if series.sensor == "mono":
                 masks = draw(mono, series, groups * mono.shots_per_group, world, seed)
                 return photograph(world.fine, world.bands, camera, mono, masks, exposure)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -41,7 +41,7 @@ FULL_WELL_E = 200_000.0
 BITS = 16
 OFFSET_DN = 500.0
 """So that read noise is not cut off at the converter's zero."""
-_PHOTOGRAPH = threading.Lock()
+PHOTOGRAPH = threading.Lock()
 """One photograph at a time: Dr.Jit uses all cores for one anyway."""
 
 
@@ -158,7 +158,7 @@ class Physical:
         """Photograph."""
         sensor = self.curves.of(series.sensor)
         masks = draw(sensor, series, groups * sensor.shots_per_group, world, seed)
-        with _PHOTOGRAPH:
+        with PHOTOGRAPH:
             frames = photograph(world.fine, world.bands, CameraConfig().ideal(), sensor, masks, Exposure(time_s=1.0))
         return Taken(self.believed(world, sensor, masks, seed).operator(np.float32), signal_of(frames))
 
@@ -241,8 +241,3 @@ def draw(sensor: Sensor, series: Series, shots: int, world: World, seed: int) ->
     rules: dict[str, MaskRule] = {rule.name: rule for rule in (Distinct(), Repeated())}
     alone = shots % sensor.shots_per_group != 0  # less than a group of three: nothing to repeat
     return masks_for(sensor, shots, Distinct() if alone else rules[series.masks], (world.size, world.size), seed)
-
-
-def relit(capture: Lit, curves: Curves) -> Lit:
-    """Return the same light on other sensors."""
-    return replace(capture, curves=curves)

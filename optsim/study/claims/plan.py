@@ -31,11 +31,6 @@ class Task:
         shots = self.groups * (self.series.sensor != "bayer") * 3
         return self.recipe.method.cost * (1 + 0.15 * shots) * (self.cell.size / 64) ** 2
 
-    @property
-    def shots(self) -> int:
-        """Return the number of colour shots, or groups of three monochrome shots."""
-        return self.groups
-
 
 def scene_names(config: ClaimsConfig) -> list[str]:
     """Return the random scenes: each seed has its own."""

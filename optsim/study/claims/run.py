@@ -56,7 +56,10 @@ def run_claims(config: ClaimsConfig, folder: Path, command: str = "optsim study 
     with threadpool_limits(limits=1, user_api="blas"):
         if not quiet:
             tell_plan(config, chosen, tasks, waiting)
-        rows = _solve(config, tasks, waiting, store, quiet)
+        try:
+            rows = _solve(config, tasks, waiting, store, quiet)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"stopped; what is finished stays in {folder}, and the same command goes on from there") from None
     tables = [_table(config, reading, rows) for reading in chosen]
     judged = judge(tables, config.seed)
     found = Claims(config, judged, overall(judged), tables, rows, folder, folder / "paper-claims.html", 0.0)
