@@ -149,7 +149,7 @@ def report(rows: list[dict[str, Any]]) -> str:
             if reference is not None:
                 times = reference["seconds"] / result["seconds"]
                 bound = "" if result["met"] and reference["met"] else ("at most " if reference["met"] else "at least ")
-                ratio = f"{bound}{times:.2g}"
+                ratio = f"{bound}{times:.{0 if times >= 10 else 2}f}"
             lines.append(
                 f"| {row['case']} | {result['solver']} | {more}{result['iterations']} | {more}{result['seconds']:.2g} | {ratio} |"
                 f" {result['goal_psnr_db']:.2f} |"
