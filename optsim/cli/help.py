@@ -56,6 +56,12 @@ where an exact fit would amplify what H does not know.
 Example: `optsim reconstruct frames.nc -o estimate.nc`
 
 Example: `optsim reconstruct frames.nc --solver gpsr --tau 1e-4 -o estimate.nc`
+
+Example: `optsim reconstruct frames.nc --prior quality -o estimate.nc`: beyond the paper, some dB better
+
+Example: `optsim reconstruct noisy.nc --prior quality --weighted --tau discrepancy -o estimate.nc`
+
+docs/solvers.md says which solver suits what.
 """,
     "score": """Compare an estimate with the true cube.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from optsim.cli.words import Output, print_json, progress_bar, solver_named, wrote
+from optsim.cli.words import Output, known_noise, print_json, prior_named, progress_bar, solver_named, tau_named, wrote
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,12 +22,23 @@ def reconstruct(
     *,
     output: Output,
     solver: Annotated[
-        Literal["basis-pursuit", "admm", "gpsr", "fista"] | None,
+        Literal["basis-pursuit", "admm", "gpsr", "fista", "gap"] | None,
         Parameter(help="How to invert; when absent: basis-pursuit for matched frames without noise, admm for all others."),
     ] = None,
+    prior: Annotated[
+        Literal["l1", "group-l1", "tv", "quality"],
+        Parameter(help="What cubes are like: few wavelets (the paper's), the same for all bands, few edges, or the quality mode."),
+    ] = "l1",
     tau: Annotated[
-        str | None, Parameter(help="`auto` (held-out pixels; the default) or a fraction of tau_max, for admm, gpsr and fista.")
+        str | None,
+        Parameter(
+            help="`auto` (held-out pixels; the default), `discrepancy` (known noise) or a fraction of tau_max; for admm, gpsr, fista."
+        ),
     ] = None,
+    weighted: Annotated[
+        bool, Parameter(help="Weigh measurements by their noise, as the frames file tells it (photons, read-out).", negative="")
+    ] = False,
+    nonnegative: Annotated[bool, Parameter(help="Rule out radiance below 0.", negative="")] = False,
     operator: Annotated[
         Literal["camera", "unit-shift"],
         Parameter(help="`camera`: the columns in the file; `unit-shift`: band k falls exactly k pixels on."),
@@ -40,35 +51,37 @@ def reconstruct(
     from optsim.camera import check_frames, with_unit_shifts
     from optsim.files import read, writable, write
     from optsim.study.inverse import estimate_of, invert
-    from recon import L1, Kronecker
 
     writable(output, source=frames)
     measured = read(frames)
     check_frames(measured)
     if operator == "unit-shift":
         measured = with_unit_shifts(measured)
-    if solver is None:
-        exact = measured.attrs.get("model") == MATCHED and measured.attrs["units"] == RELATIVE and tau is None
-        solver = "basis-pursuit" if exact else "admm"
-        why = (
-            "" if exact else ", as --tau is given" if tau is not None else ", as an exact fit would amplify noise and what H does not know"
-        )
-        print(f"solver: {solver}{why}", file=sys.stderr)
-    basis = Kronecker.for_shape((measured.sizes["mirror_y"], measured.sizes["mirror_x"], measured.sizes["wavelength"]), wavelet=wavelet)
-    prior = L1(basis=basis)
-    chosen, choice = solver_named(solver, tau, measured, max_iterations, debias, prior)
-    with progress_bar(solver) as progress:
+    noise = known_noise(measured, frames) if weighted or tau == "discrepancy" else None
+    method = _solver_for(measured, tau) if solver is None else str(solver)
+    sought = prior_named(prior, wavelet, measured)
+    with progress_bar(method) as progress:
         solution = invert(
             measured,
-            chosen,
-            prior=prior,
-            tau=None if choice is None else choice.tau,
-            start=None if choice is None else choice.start,
+            solver_named(method, max_iterations, debias),
+            prior=sought,
+            tau=tau_named(tau, method),
+            noise=noise,
+            nonnegative=nonnegative,
             on_iteration=lambda iteration, value: progress(None, f"iteration {iteration}, objective {value:.5g}"),
         )
     write(estimate_of(measured, solution), output)
     print(solution, file=sys.stderr)
     wrote(output, solution.cube.shape, "(y, x, wavelength)")
+
+
+def _solver_for(measured: xr.Dataset, tau: str | None) -> str:
+    """Name the solver that suits these frames, and say why."""
+    exact = measured.attrs.get("model") == MATCHED and measured.attrs["units"] == RELATIVE and tau is None
+    why = "" if exact else ", as --tau is given" if tau is not None else ", as an exact fit would amplify noise and what H does not know"
+    solver = "basis-pursuit" if exact else "admm"
+    print(f"solver: {solver}{why}", file=sys.stderr)
+    return solver
 
 
 def score(

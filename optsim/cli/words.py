@@ -15,6 +15,7 @@ from cyclopts import Parameter
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
     import xarray as xr
 
     from optsim.camera import Sensor
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from optsim.render.choice import Physics
     from recon.prior import Prior
     from recon.problem import Solver
-    from recon.tau import TauChoice
+    from recon.tau import TauRule
     from scenes.scene import Scene
 
 Json = Annotated[bool, Parameter(help="Print one JSON object and nothing else.", negative="")]
@@ -99,57 +100,87 @@ def physics_named(field: str, names: Sequence[str]) -> tuple[Physics, ...]:
     return effects_named(field, names)
 
 
-def solver_named(
-    word: str, tau: str | None, frames: xr.Dataset, max_iterations: int | None, debias: bool, prior: Prior
-) -> tuple[Solver, TauChoice | None]:
-    """Return a solver's configuration and the tau found for these frames, None for basis pursuit.
+def solver_named(word: str, max_iterations: int | None, debias: bool) -> Solver:
+    """Return a solver's configuration.
 
     Args:
-        word: basis-pursuit, admm, gpsr or fista.
-        tau: ``auto``, None (the same) or a fraction of tau_max, as text.
-        frames: the measurement, from which an automatic tau is found without ground truth.
+        word: basis-pursuit, admm, gpsr, fista or gap.
         max_iterations: None leaves the solver's default.
         debias: refit the support (gpsr).
-        prior: with which an automatic tau is sought.
 
     Raises:
-        InputError: ``--tau``, ``--debias`` or ``--max-iterations``.
+        InputError: ``--debias`` or ``--max-iterations``.
     """
-    from recon import Admm, BasisPursuit, Fista, Gpsr
+    from recon import Admm, BasisPursuit, Fista, Gap, Gpsr
 
     if max_iterations is not None and max_iterations < 1:
         raise InputError("--max-iterations", max_iterations, "at least 1")
     limit = {} if max_iterations is None else {"max_iterations": max_iterations}
     if debias and word != "gpsr":
         raise InputError("--debias", debias, "given with --solver gpsr")
-    if word == "basis-pursuit":
-        if tau is not None:
-            raise InputError("--tau", tau, "absent with --solver basis-pursuit, which needs none")
-        return BasisPursuit(**limit), None
-    choice = _tau(tau, frames, prior)
-    return {"gpsr": Gpsr(debias=debias, **limit), "admm": Admm(**limit), "fista": Fista(**limit)}[word], choice
+    if word == "gpsr":
+        return Gpsr(debias=debias, **limit)
+    made: dict[str, Callable[..., Solver]] = {"basis-pursuit": BasisPursuit, "admm": Admm, "fista": Fista, "gap": Gap}
+    return made[word](**limit)
 
 
-def _tau(word: str | None, frames: xr.Dataset, prior: Prior) -> TauChoice:
-    import numpy as np
+def prior_named(word: str, wavelet: str, frames: xr.Dataset) -> Prior:
+    """Return the prior of that name for the cube that these frames show.
 
-    from optsim.camera import band_model_of, signal_of
-    from recon.tau import AutoTau, TauFraction
+    Args:
+        word: l1, group-l1, tv or quality.
+        wavelet: of l1, group-l1 and quality.
+        frames: whose sizes and bands count.
+    """
+    from recon import L1, GroupL1, Kronecker, SpectralTotalVariation
 
-    if word in (None, "auto"):
-        rule: AutoTau | TauFraction = AutoTau()
-    else:
-        allowed = "auto, or a fraction of tau_max from 0 to 1"
-        try:
-            fraction = float(word or "")
-        except ValueError:
-            raise InputError("--tau", word, allowed) from None
-        if not 0 <= fraction <= 1:
-            raise InputError("--tau", word, allowed)
-        rule = TauFraction(fraction=fraction)
-    choice = rule.choose(band_model_of(frames).operator(np.float32), signal_of(frames), prior=prior)
-    print(choice.reason, file=sys.stderr)
-    return choice
+    if word == "tv":
+        return SpectralTotalVariation()
+    if word == "quality":
+        from optsim.cube import bands_of
+        from optsim.study.library import quality
+
+        return quality(bands_of(frames)).model_copy(update={"wavelet": Kronecker(wavelet=wavelet).wavelet})
+    basis = Kronecker.for_shape((frames.sizes["mirror_y"], frames.sizes["mirror_x"], frames.sizes["wavelength"]), wavelet=wavelet)
+    return L1(basis=basis) if word == "l1" else GroupL1(basis=basis)
+
+
+def tau_named(word: str | None, solver: str) -> TauRule | None:
+    """Return the rule for tau: ``auto``, None (the solver's own), ``discrepancy`` or a fraction of tau_max, as text.
+
+    Raises:
+        InputError: ``--tau``.
+    """
+    from recon.tau import AutoTau, Discrepancy, TauFraction
+
+    if word is None:
+        return None
+    if solver in ("basis-pursuit", "gap"):
+        raise InputError("--tau", word, f"absent with --solver {solver}, which needs none")
+    if word in ("auto", "discrepancy"):
+        return AutoTau() if word == "auto" else Discrepancy()
+    allowed = "auto, discrepancy, or a fraction of tau_max from 0 to 1"
+    try:
+        fraction = float(word)
+    except ValueError:
+        raise InputError("--tau", word, allowed) from None
+    if not 0 <= fraction <= 1:
+        raise InputError("--tau", word, allowed)
+    return TauFraction(fraction=fraction)
+
+
+def known_noise(frames: xr.Dataset, path: Path) -> np.ndarray:
+    """Return the variance of each measurement.
+
+    Raises:
+        InputError: ``--weighted`` for frames that don't tell it.
+    """
+    from optsim.camera import noise_variance
+
+    variance = noise_variance(frames)
+    if variance is None:
+        raise InputError("--weighted", str(path), "frames in DN that tell gain, read noise and dark current; so too for --tau discrepancy")
+    return variance
 
 
 def print_json(value: Mapping[str, object]) -> None:

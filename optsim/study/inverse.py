@@ -26,6 +26,8 @@ def invert(
     *,
     prior: Prior | None = None,
     tau: float | TauRule | None = None,
+    noise: np.ndarray | None = None,
+    nonnegative: bool = False,
     start: np.ndarray | None = None,
     threads: int | None = None,
     on_iteration: Callable[[int, float], None] | None = None,
@@ -37,6 +39,8 @@ def invert(
         solver: None: basis pursuit.
         prior: None: l1 in the default wavelet x DCT.
         tau: weight of the prior or a rule for it; None: the solver's default.
+        noise: variance of each measurement, as :func:`optsim.camera.noise_variance` tells it; None: all weigh alike.
+        nonnegative: whether radiance below 0 is ruled out.
         start: (M, N, K) first guess in the cube's units, or None.
         threads: None: all cores.
         on_iteration: called as ``on_iteration(iteration, objective)``; what it raises ends the solve.
@@ -49,7 +53,16 @@ def invert(
 
     operator = band_model_of(frames).operator(np.float32)
     return reconstruct(
-        operator, signal_of(frames), prior=prior, solver=solver, tau=tau, start=start, threads=threads, on_iteration=on_iteration
+        operator,
+        signal_of(frames),
+        prior=prior,
+        solver=solver,
+        tau=tau,
+        noise=noise,
+        nonnegative=nonnegative,
+        start=start,
+        threads=threads,
+        on_iteration=on_iteration,
     )
 
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from optsim.camera import Mono, measure_matched, noise_variance
 from optsim.camera.noise import Noise, expose
+from optsim.cube import Bands, make_cube
 from optsim.errors import InputError
 
 QUIET = {"read_noise_e": 0.0}
@@ -166,3 +168,26 @@ def test_the_full_well_limits_the_charge():
     exposed = shoot(flat(1e5, 20), Noise(**QUIET, shot_noise=False, bits=16, gain_dn_per_e=1.0), full_well_e=3000)
     assert (exposed.dn == 3000).all()
     assert exposed.saturated == 20
+
+
+@pytest.mark.parametrize("well", [300, 20_000])
+def test_the_variance_that_frames_tell_is_that_of_repeated_exposures(well):
+    masks = np.indices((1, 12, 16)).sum(0) % 2
+    bands = Bands.paper()
+    cube = make_cube(np.random.Generator(np.random.Philox(3)).random((12, 16, bands.count)), bands)
+    noise = Noise(read_noise_e=10.0)
+
+    def taken(seed):
+        return measure_matched(cube, Mono(), masks, masks_name="distinct", seed=seed, noise=noise, full_well_e=well)
+
+    shots = np.stack([taken(seed)["frames"].values for seed in range(300)])
+    told = np.mean([noise_variance(taken(seed)) for seed in range(10)], axis=0)
+    assert told.mean() / shots.var(axis=0, ddof=1).mean() == pytest.approx(1, abs=0.03)
+    bright = shots.mean(axis=0) > np.quantile(shots.mean(axis=0), 0.9)
+    assert told[bright].mean() / shots.var(axis=0, ddof=1)[bright].mean() == pytest.approx(1, abs=0.05)
+
+
+def test_frames_without_noise_tell_none():
+    bands = Bands.paper()
+    cube = make_cube(np.ones((8, 8, bands.count)), bands)
+    assert noise_variance(measure_matched(cube, Mono(), np.ones((1, 8, 8)), masks_name="distinct", seed=0)) is None
