@@ -3,7 +3,7 @@
 Cubes are band-major (K, M, N), frames (L, C, M, W). Each kernel handles the rows ``first..last`` and touches no other, so slabs can
 run on any number of threads and give the same bytes. A row of all bands is worked in buffers of whole vectors with zeros
 around, so that a shifted row is an unaligned load and nothing has to be cut. Cubes may hold spectral coefficients in place of
-bands: the matrices in ``Optics`` then turn each row to bands and back on the way (theory.md (S.16)).
+bands: the matrices in ``Optics`` then turn each row to bands and back on the way (theory.md (S.70)).
 """
 
 from typing import Any, NamedTuple
@@ -112,13 +112,14 @@ def to_bands(optics: Any, x: Any, step: int, mask: Any, made: Any, out: Any, to:
 
 
 @njit(nogil=True, cache=True)
-def to_coefficients(optics: Any, x: Any, made: Any, out: Any, to: int, step: int) -> None:
-    """Turn one block of bands, ``BLOCK`` apart, to coefficients, ``step`` apart from ``to`` on; ``out`` has room for 8 rows of padding."""
+def to_coefficients(optics: Any, x: Any, step: int, made: Any, out: Any) -> None:
+    """Turn a row of bands to coefficients, both ``step`` apart; ``made`` holds one block of it, ``out`` has room for 8 rows of padding."""
     bands, half = optics.first.size - 1, optics.odd.shape[1]
-    fold(x, 0, BLOCK, bands, half, BLOCK, made, 0, BLOCK)
     apart = step if half == 0 else 2 * step
-    product(optics.even, made, 0, BLOCK, BLOCK, out, to, apart)
-    product(optics.odd, made, (bands - half) * BLOCK, BLOCK, BLOCK, out, to + step, apart)
+    for at in range(0, step - FLOATS, BLOCK):
+        fold(x, at, step, bands, half, BLOCK, made, 0, BLOCK)
+        product(optics.even, made, 0, BLOCK, BLOCK, out, at, apart)
+        product(optics.odd, made, (bands - half) * BLOCK, BLOCK, BLOCK, out, step + at, apart)
 
 
 @njit(nogil=True, cache=True)
@@ -167,40 +168,55 @@ def see_masked(optics: Any, m: int, l: int, step: int, width: int, seen: Any, ma
 
 
 @njit(nogil=True, cache=True)
-def return_row(optics: Any, m: int, mask: Any, left: Any, step: int, width: int, at: int, size: int, out: Any, apart: int) -> None:
-    """Spread one row of frames back over the columns ``at .. at + size`` of every band: ``out`` gets K rows, ``apart`` apart.
+def _add_row(
+    weight: Any, mask: Any, mask_at: int, tile: Any, tile_at: int, left: Any, row: int, place: int, longest: int, more: bool, out: Any,
+    to: int, size: int,
+) -> None:  # fmt: skip
+    """Set, or with ``more`` raise, ``size`` places of ``out`` by weight, mask, with ``tile_at`` >= 0 tile, and shifted frame."""
+    n = per_vector(left)
+    w = splat(weight)
+    for j in range(0, size, 4 * n):
+        o = min(max(j + place, -BLOCK), longest)
+        u0, u1, u2, u3 = load(left, row + o), load(left, row + o + n), load(left, row + o + 2 * n), load(left, row + o + 3 * n)
+        p = mask_at + j
+        u0, u1 = mul(u0, mul(w, load(mask, p))), mul(u1, mul(w, load(mask, p + n)))
+        u2, u3 = mul(u2, mul(w, load(mask, p + 2 * n))), mul(u3, mul(w, load(mask, p + 3 * n)))
+        if tile_at >= 0:
+            p = tile_at + o
+            u0, u1 = mul(u0, load(tile, p)), mul(u1, load(tile, p + n))
+            u2, u3 = mul(u2, load(tile, p + 2 * n)), mul(u3, load(tile, p + 3 * n))
+        q = to + j
+        if more:
+            u0, u1, u2, u3 = add(load(out, q), u0), add(load(out, q + n), u1), add(load(out, q + 2 * n), u2), add(load(out, q + 3 * n), u3)
+        store(out, q, u0)
+        store(out, q + n, u1)
+        store(out, q + 2 * n, u2)
+        store(out, q + 3 * n, u3)
+
+
+@njit(nogil=True, cache=True)
+def return_row(optics: Any, m: int, mask: Any, left: Any, step: int, width: int, out: Any) -> None:
+    """Spread one row of frames back over every band: ``out`` gets K rows, ``step`` apart.
 
     ``left`` is laid out as ``see_row`` leaves ``seen``; ``mask`` holds the masks of the row, L rows, ``step`` apart.
     """
-    shots, bands = optics.masks.shape[0], optics.first.size - 1
-    mosaic, n, channels = optics.tile.shape[0] > 0, per_vector(left), optics.strength.shape[0]
+    bands, n, channels = optics.first.size - 1, per_vector(left), optics.strength.shape[0]
     longest = row_step(width)
     there = longest + 2 * BLOCK
-    tile0 = optics.tile_of[m] * bands * there
     zero = splat(left.dtype.type(0))
     for k in range(bands):
-        for j in range(at, at + size, 4 * n):
-            b0 = b1 = b2 = b3 = zero
-            for l in range(shots):
-                a0 = a1 = a2 = a3 = zero
-                for i in range(optics.first[k], optics.first[k + 1]):
-                    o = BLOCK + min(max(j + optics.place[i], -BLOCK), longest)
-                    for c in range(channels):
-                        w, p = splat(optics.strength[c, i]), (l * channels + c) * there + o
-                        u0, u1, u2, u3 = load(left, p), load(left, p + n), load(left, p + 2 * n), load(left, p + 3 * n)
-                        if mosaic:
-                            p = tile0 + k * there + o
-                            u0, u1 = mul(u0, load(optics.tile, p)), mul(u1, load(optics.tile, p + n))
-                            u2, u3 = mul(u2, load(optics.tile, p + 2 * n)), mul(u3, load(optics.tile, p + 3 * n))
-                        a0, a1, a2, a3 = fma(w, u0, a0), fma(w, u1, a1), fma(w, u2, a2), fma(w, u3, a3)
-                p = l * step + j
-                b0, b1 = fma(load(mask, p), a0, b0), fma(load(mask, p + n), a1, b1)
-                b2, b3 = fma(load(mask, p + 2 * n), a2, b2), fma(load(mask, p + 3 * n), a3, b3)
-            to = k * apart + j - at
-            store(out, to, b0)
-            store(out, to + n, b1)
-            store(out, to + 2 * n, b2)
-            store(out, to + 3 * n, b3)
+        tile = (optics.tile_of[m] * bands + k) * there + BLOCK if optics.tile.shape[0] > 0 else -1
+        more = False
+        for l in range(optics.masks.shape[0]):
+            for i in range(optics.first[k], optics.first[k + 1]):
+                for c in range(channels):
+                    row = (l * channels + c) * there + BLOCK
+                    w, place = optics.strength[c, i], optics.place[i]
+                    _add_row(w, mask, l * step, optics.tile, tile, left, row, place, longest, more, out, k * step, step - FLOATS)
+                    more = True
+        if not more:
+            for j in range(0, step - FLOATS, n):
+                store(out, k * step + j, zero)
 
 
 @njit(nogil=True, cache=True)
@@ -218,19 +234,17 @@ class Work(NamedTuple):
 
     masked: Any
     bands: Any
-    block: Any
     made: Any
 
 
 @njit(nogil=True, cache=True)
 def work_of(optics: Any, step: int, like: Any) -> Any:
-    """Allocate the buffers that ``see`` and ``give_back`` need: masked bands, bands, one block of bands and one of halves."""
+    """Allocate the buffers that ``see`` and ``give_back`` need: masked bands, bands, and one block of halves."""
     count = optics.first.size - 1
     spectral = optics.even.shape[0] > 0
     return Work(
         aligned(count * (step + 2 * BLOCK), like),
-        aligned(count * step if spectral and optics.masks.shape[0] > 1 else 0, like),
-        aligned(count * BLOCK if spectral else 0, like),
+        aligned(count * step if spectral else 0, like),
         aligned((count + 8) * BLOCK if spectral else 0, like),
     )
 
@@ -252,11 +266,10 @@ def see(optics: Any, m: int, mask: Any, x: Any, step: int, width: int, work: Any
 def give_back(optics: Any, m: int, mask: Any, left: Any, step: int, width: int, work: Any, out: Any) -> None:
     """Spread one row of frames back: ``out`` gets the row's coefficients or bands, ``step`` apart, and 8 rows of padding."""
     if optics.even.shape[0] == 0:
-        return_row(optics, m, mask, left, step, width, 0, step - FLOATS, out, step)
-        return
-    for at in range(0, step - FLOATS, BLOCK):
-        return_row(optics, m, mask, left, step, width, at, BLOCK, work.block, BLOCK)
-        to_coefficients(optics, work.block, work.made, out, at, step)
+        return_row(optics, m, mask, left, step, width, out)
+    else:
+        return_row(optics, m, mask, left, step, width, work.bands)
+        to_coefficients(optics, work.bands, step, work.made, out)
 
 
 @njit(nogil=True, cache=True)

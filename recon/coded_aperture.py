@@ -53,7 +53,7 @@ class CodedAperture:
         dtype: float32 or float64, of the arrays that forward and adjoint return.
         gray: allow masks between 0 and 1.
         spectral: orthonormal (K, K): cubes then hold the coefficients ``spectral f`` of every pixel's spectrum in place of its
-            bands, and H is ``H (I x spectral^T)`` (theory.md (S.16)); None: bands.
+            bands, and H is ``H (I x spectral^T)`` (theory.md (S.70)); None: bands.
 
     Raises:
         InputError: for a wrong shape or value; field ``masks`` with "camera sees nothing" when H = 0.

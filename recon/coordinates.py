@@ -1,4 +1,4 @@
-"""Solve for spectral coefficients in place of bands, where that is faster (theory.md (S.16)).
+"""Solve for spectral coefficients in place of bands, where that is faster (theory.md (S.70)).
 
 The basis is a wavelet along the picture times a matrix C along wavelength, and the two commute. So with u = C f
 

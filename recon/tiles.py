@@ -1,4 +1,4 @@
-"""Pictures too large to solve at once: overlapping strips of rows (theory.md (S.17)).
+"""Pictures too large to solve at once: overlapping strips of rows (theory.md (S.71)).
 
 A coded-aperture camera that disperses along its rows couples no two rows: a strip of rows is a whole camera, and only the prior reaches
 across. So strips need no other margin than what the prior asks for, and where two strips overlap any mean of their
