@@ -138,6 +138,7 @@ def warm_up(dtype: Any = np.float32) -> None:
     thread of its own while something else runs.
     """
     from recon.admm import Admm
+    from recon.gpsr import Gpsr
     from recon.tau import Given, tune
 
     masks = np.indices((1, 8, 8)).sum(0) % 2
@@ -147,6 +148,7 @@ def warm_up(dtype: Any = np.float32) -> None:
         frames = camera.forward(np.ones(camera.in_shape, dtype))
         reconstruct(camera, frames, threads=1)
         tune(camera, frames, Given(threads=1), refine=Admm())
+        reconstruct(camera, frames, solver=Gpsr(max_iterations=2), tau=1e-3, threads=1)
 
 
 def _solution(operator: LinearOperator, problem: Problem, found: Found, notes: tuple[str, ...], began: float) -> Solution:
