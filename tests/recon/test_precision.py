@@ -8,6 +8,11 @@ from recon import Admm, BasisPursuit, CodedAperture, Fista, Gpsr, reconstruct
 BANDS = 12
 
 
+def slow(*values):
+    """Mark a case that repeats what others show already."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 def scores(psnr_of, truth, camera, frames, **settings):
     """PSNR of the solve in float64 and of the one that was asked for in float32, and whether that one took float64."""
     double = reconstruct(camera.astype(np.float64), frames, **settings)
@@ -18,7 +23,7 @@ def scores(psnr_of, truth, camera, frames, **settings):
 
 
 @pytest.mark.parametrize(
-    ("sensor", "shots"), [("mono", 3), ("mono", 12), ("bayer", 1), ("bayer", 4), ("foveon", 1), ("foveon", 4), ("mono", 24)]
+    ("sensor", "shots"), [("mono", 3), slow("mono", 12), ("bayer", 1), slow("bayer", 4), slow("foveon", 1), ("foveon", 4), slow("mono", 24)]
 )
 def test_X16_basis_pursuit_of_every_sensor_loses_under_0_01_db(sensor, shots, camera_of, cube_of, psnr_of):
     truth, camera = cube_of(32, BANDS), camera_of(sensor, shots, 32, BANDS)
@@ -28,7 +33,7 @@ def test_X16_basis_pursuit_of_every_sensor_loses_under_0_01_db(sensor, shots, ca
     assert single == pytest.approx(double, abs=0.01)
 
 
-@pytest.mark.parametrize(("sensor", "shots"), [("mono", 3), ("bayer", 1), ("foveon", 1)])
+@pytest.mark.parametrize(("sensor", "shots"), [slow("mono", 3), ("bayer", 1), slow("foveon", 1)])
 def test_X16_basis_pursuit_with_several_columns_a_band_is_solved_in_float64(sensor, shots, camera_of, cube_of, psnr_of):
     truth, camera = cube_of(32, BANDS), camera_of(sensor, shots, 32, BANDS, spread=True)
     double, single, chosen = scores(psnr_of, truth, camera, camera.forward(truth), solver=BasisPursuit(tolerance=1e-3))
@@ -36,8 +41,8 @@ def test_X16_basis_pursuit_with_several_columns_a_band_is_solved_in_float64(sens
     assert single == pytest.approx(double, abs=0.01)
 
 
-@pytest.mark.parametrize("fraction", [1e-2, 1e-4, 2e-6, 1e-7, 1e-8])
-@pytest.mark.parametrize(("sensor", "shots"), [("mono", 3), ("mono", 12), ("bayer", 4), ("foveon", 4)])
+@pytest.mark.parametrize("fraction", [slow(1e-2), slow(1e-4), 2e-6, 1e-7, slow(1e-8)])
+@pytest.mark.parametrize(("sensor", "shots"), [("mono", 3), slow("mono", 12), slow("bayer", 4), ("foveon", 4)])
 def test_X16_eq4_loses_under_0_01_db_at_any_tau(sensor, shots, fraction, camera_of, cube_of, psnr_of):
     truth, camera = cube_of(32, BANDS), camera_of(sensor, shots, 32, BANDS)
     frames = camera.forward(truth)

@@ -98,7 +98,10 @@ def test_priors_scale_with_their_argument(name):
         assert values[1] == pytest.approx(factor * values[0], rel=1e-9)
 
 
-@pytest.mark.parametrize("solver", [Admm(tolerance=1e-7, max_iterations=20000), Fista(tolerance=1e-11, max_iterations=50000)])
+@pytest.mark.parametrize(
+    "solver",
+    [Admm(tolerance=1e-7, max_iterations=20000), pytest.param(Fista(tolerance=1e-11, max_iterations=50000), marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("name", PRIORS)
 def test_solves_meet_the_optimality_conditions_of_their_prior(name, solver, camera_of, cube_of):
     shape = (7, 6, 4) if name == "l1-padded" else SHAPE
