@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 Tick = Callable[..., None]
 FRACTIONS = (3e-4, 6e-5, 1.3e-5, 3e-6)
 """Values of tau / tau_max for data without noise."""
-NOISY_FRACTIONS = (3e-1, 1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
+NOISY_FRACTIONS = (2e-1, 4e-2, 8e-3, 1.6e-3, 3e-4, 6e-5, 1.2e-5)
+"""The same for data with noise: tau is interpolated to where the misfit is the noise's."""
 BENCH_FRACTIONS = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
 QUALITY_FRACTIONS = (3e-2, 3e-3, 3e-4, 3e-5)
 """The same for the quality mode under noise: tau is interpolated between them."""
@@ -162,7 +163,7 @@ class KnownNoise:
     @property
     def cost(self) -> float:
         """Return its expected time over that of basis pursuit."""
-        return 5.0 * QUALITY_COST if self.quality else 7.0
+        return 5.0 * QUALITY_COST if self.quality else 12.0
 
     def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
         """Choose and solve."""
