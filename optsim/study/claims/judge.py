@@ -155,7 +155,7 @@ def _over(claim: PaperClaim, rows: Sequence[Judged]) -> Overall:
         return Overall(claim, Verdict.HOLDS, f"under all {len(rows)} readings", rows[0], counts)
     if not signed:
         return Overall(claim, Verdict.DOES_NOT, f"under none of {len(rows)} readings", rows[0], counts)
-    best = full[0] if full else signed[0]
+    best = min(full or signed, key=lambda row: (not row.reading.base, row.groups != 1))
     condition = _condition(rows, [row.verdict is not Verdict.DOES_NOT for row in rows])
     size = f"of the claimed size ({claim.size}) under {len(full)}" if claim.size.high is not None or claim.size.low > 0 else ""
     words = f"{condition} ({len(signed)} of {len(rows)} readings{', ' + size if size else ''})"
@@ -183,8 +183,8 @@ def _condition(rows: Sequence[Judged], good: Sequence[bool]) -> str:
     held = sum(g for row, g in zip(rows, good) if inside(row, trait))
     total = sum(inside(row, trait) for row in rows)
     others, rest = sum(good) - held, len(rows) - total
-    if agreement(trait) == 1:
+    if held and agreement(trait) == 1:
         return words
-    if held >= CLEAR * total and others <= (1 - CLEAR) * rest:
+    if held and held >= CLEAR * total and others <= (1 - CLEAR) * rest:
         return f"{words}: {held} of {total} such readings, {others} of the {rest} others"
     return "under single readings, see the table"
