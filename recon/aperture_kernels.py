@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from recon.compiled import kernel
 from recon.simd import add, fma, load, load_some, mul, splat, store, store_some, sub, total
 from recon.spectral_kernels import BLOCK, FLOATS, aligned, copy_some, fold, per_vector, product
 
@@ -61,19 +62,19 @@ def _add_product(weight: Any, x: Any, y: Any, out: Any) -> None:
         out[j] += weight * x[j] * y[j]
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def row_step(columns: int) -> int:
     """Round up to whole blocks."""
     return (columns + BLOCK - 1) // BLOCK * BLOCK
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def row_apart(columns: int) -> int:
     """Return how far apart rows of ``row_step(columns)`` places lie: a power of two would put all bands in few sets of the cache."""
     return row_step(columns) + FLOATS
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def read_row(cube: Any, m: int, step: int, out: Any) -> None:
     """Copy row m of every band, ``step`` apart, with zeros behind."""
     bands, columns, n = cube.shape[0], cube.shape[2], per_vector(cube)
@@ -87,7 +88,7 @@ def read_row(cube: Any, m: int, step: int, out: Any) -> None:
             store(out, to + whole, load_some(cube, at + whole, columns - whole))
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def to_bands(optics: Any, x: Any, step: int, mask: Any, made: Any, out: Any, to: int, apart: int) -> None:
     """Turn a row of coefficients, ``step`` apart, to bands, ``apart`` apart from ``to`` on; ``made`` holds one block of it.
 
@@ -111,7 +112,7 @@ def to_bands(optics: Any, x: Any, step: int, mask: Any, made: Any, out: Any, to:
                 store(out, to + k * apart + at + j, mul(light, u) if one_shot else u)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def to_coefficients(optics: Any, x: Any, step: int, made: Any, out: Any) -> None:
     """Turn a row of bands to coefficients, both ``step`` apart; ``made`` holds one block of it, ``out`` has room for 8 rows of padding."""
     bands, half = optics.first.size - 1, optics.odd.shape[1]
@@ -122,7 +123,7 @@ def to_coefficients(optics: Any, x: Any, step: int, made: Any, out: Any) -> None
         product(optics.odd, made, (bands - half) * BLOCK, BLOCK, BLOCK, out, step + at, apart)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def see_row(optics: Any, m: int, mask: Any, x: Any, step: int, width: int, seen: Any, masked: Any) -> None:
     """Photograph one row of bands: ``seen`` gets a row of row_step(W) + 2 BLOCK places a shot and channel, zeros around it.
 
@@ -137,7 +138,7 @@ def see_row(optics: Any, m: int, mask: Any, x: Any, step: int, width: int, seen:
         see_masked(optics, m, l, step, width, seen, masked)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def see_masked(optics: Any, m: int, l: int, step: int, width: int, seen: Any, masked: Any) -> None:
     """Photograph one row behind the mask of shot ``l``; see ``see_row``."""
     bands, n = optics.first.size - 1, per_vector(masked)
@@ -167,7 +168,7 @@ def see_masked(optics: Any, m: int, l: int, step: int, width: int, seen: Any, ma
             seen[to + j] = 0
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _add_row(
     weight: Any, mask: Any, mask_at: int, tile: Any, tile_at: int, left: Any, row: int, place: int, longest: int, more: bool, out: Any,
     to: int, size: int,
@@ -194,7 +195,7 @@ def _add_row(
         store(out, q + 3 * n, u3)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def return_row(optics: Any, m: int, mask: Any, left: Any, step: int, width: int, out: Any) -> None:
     """Spread one row of frames back over every band: ``out`` gets K rows, ``step`` apart.
 
@@ -219,7 +220,7 @@ def return_row(optics: Any, m: int, mask: Any, left: Any, step: int, width: int,
                 store(out, k * step + j, zero)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def mask_row(optics: Any, m: int, step: int, out: Any) -> None:
     """Copy the masks of a row, ``step`` apart, with zeros behind."""
     rows, columns = optics.masks.shape[1], optics.masks.shape[2]
@@ -237,7 +238,7 @@ class Work(NamedTuple):
     made: Any
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def work_of(optics: Any, step: int, like: Any) -> Any:
     """Allocate the buffers that ``see`` and ``give_back`` need: masked bands, bands, and one block of halves."""
     count = optics.first.size - 1
@@ -249,7 +250,7 @@ def work_of(optics: Any, step: int, like: Any) -> Any:
     )
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def see(optics: Any, m: int, mask: Any, x: Any, step: int, width: int, work: Any, seen: Any) -> None:
     """Photograph one row of a cube: ``x`` holds its coefficients or bands, ``step`` apart; see ``see_row`` and ``Work``."""
     if optics.even.shape[0] == 0:
@@ -262,7 +263,7 @@ def see(optics: Any, m: int, mask: Any, x: Any, step: int, width: int, work: Any
         see_row(optics, m, mask, work.bands, step, width, seen, work.masked)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def give_back(optics: Any, m: int, mask: Any, left: Any, step: int, width: int, work: Any, out: Any) -> None:
     """Spread one row of frames back: ``out`` gets the row's coefficients or bands, ``step`` apart, and 8 rows of padding."""
     if optics.even.shape[0] == 0:
@@ -272,7 +273,7 @@ def give_back(optics: Any, m: int, mask: Any, left: Any, step: int, width: int, 
         to_coefficients(optics, work.bands, step, work.made, out)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def forward_rows(first: int, last: int, x: Any, optics: Any, out: Any) -> None:
     """Apply H to the rows ``first..last`` of a cube."""
     columns, width = x.shape[2], out.shape[3]
@@ -288,7 +289,7 @@ def forward_rows(first: int, last: int, x: Any, optics: Any, out: Any) -> None:
             copy_some(seen, s * there + BLOCK, width, out, s * across + m * width)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def adjoint_rows(first: int, last: int, y: Any, optics: Any, out: Any) -> None:
     """Apply H^T to the rows ``first..last`` of frames."""
     bands, columns, width = out.shape[0], out.shape[2], y.shape[3]
@@ -306,7 +307,7 @@ def adjoint_rows(first: int, last: int, y: Any, optics: Any, out: Any) -> None:
             copy_some(back, k * step, columns, out, k * band + m * line)
 
 
-@njit(nogil=True, cache=True, fastmath=FAST)
+@kernel(fastmath=FAST)
 def gram_rows(
     first: int, last: int, offset: int, masks: Any, response: Any, tile: Any, tile_of: Any, start: Any, taps: Any, out: Any
 ) -> None:
@@ -343,7 +344,7 @@ def gram_rows(
                                     )
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def descend_rows(first: int, last: int, x: Any, old: Any, seen_old: Any, beta: Any, rate: Any, frames: Any, optics: Any, sums: Any) -> None:
     """Take FISTA's gradient step on the rows ``first..last``: ``old = y + rate H^T (g - H y)``, ``y = x + beta (x - old)``.
 

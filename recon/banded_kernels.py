@@ -8,9 +8,9 @@ recursion, which is sequential along a row, serves a whole vector of rows.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from recon.aperture_kernels import FAST, give_back, mask_row, row_apart, row_step, see, work_of
+from recon.compiled import kernel
 from recon.simd import load, mul, store, sub
 from recon.spectral_kernels import BLOCK, aligned, per_vector
 from recon.step_kernels import finish_row, relax_row
@@ -18,7 +18,7 @@ from recon.step_kernels import finish_row, relax_row
 LANES = 16
 
 
-@njit(nogil=True, cache=True, fastmath=FAST)
+@kernel(fastmath=FAST)
 def factor_groups(first: int, last: int, band: Any, half: int, stored: Any) -> None:
     """Factor the groups ``first..last``: ``band[group, i, d, lane] = A[i, i - d]`` (float64, overwritten) into ``stored``.
 
@@ -47,7 +47,7 @@ def factor_groups(first: int, last: int, band: Any, half: int, stored: Any) -> N
                     stored[group, i, d, v] = block[i, d, v]
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def solve_band(factor: Any, group: int, y: Any) -> None:
     """Solve ``A y = right`` for the rows of a group, in place: ``y[i LANES + lane]``."""
     size, half, n = factor.shape[1], factor.shape[2] - 1, per_vector(y)
@@ -68,7 +68,7 @@ def solve_band(factor: Any, group: int, y: Any) -> None:
                 store(y, at, sub(load(y, at), mul(load(factor, row + d * LANES), found)))
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def solve_groups(first: int, last: int, factor: Any, frames: Any, seen: Any, out: Any) -> None:
     """Solve ``A y = g - seen`` for the rows of the groups ``first..last``; all three are frames (L, C, M, W)."""
     count, rows, width = frames.shape[0] * frames.shape[1], frames.shape[2], frames.shape[3]
@@ -90,7 +90,7 @@ def solve_groups(first: int, last: int, factor: Any, frames: Any, seen: Any, out
                     result[row + j] = y[(j * count + s) * LANES + v]
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def advance_groups(
     first: int, last: int, z: Any, w: Any, x: Any, relax: Any, frames: Any, weights: Any, optics: Any, factor: Any, ratio: Any, sums: Any
 ) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from recon.aperture_kernels import FAST, _add_product, _add_scaled
+from recon.compiled import kernel
 
 
 @njit(nogil=True, forceinline=True)
@@ -80,7 +81,7 @@ def _collect(plane: Any, m: int, rows: Any, columns: Any, taps: Any, top: int, b
         a = b
 
 
-@njit(nogil=True, cache=True, fastmath=FAST)
+@kernel(fastmath=FAST)
 def forward_field(
     first: int, last: int, x: Any, masks: Any, response: Any, tile: Any, tile_of: Any, row0: Any, column0: Any, taps: Any, reach: Any,
     out: Any,
@@ -107,7 +108,7 @@ def forward_field(
                         _add_scaled(response[c, k], plane[i - first], out[l, c, i])
 
 
-@njit(nogil=True, cache=True, fastmath=FAST)
+@kernel(fastmath=FAST)
 def adjoint_field(
     first: int, last: int, y: Any, masks: Any, response: Any, tile: Any, tile_of: Any, row0: Any, column0: Any, taps: Any, reach: Any,
     out: Any,
@@ -137,7 +138,7 @@ def adjoint_field(
                     out[k, m, n] += masks[l, m, n] * back[n]
 
 
-@njit(nogil=True, cache=True, fastmath=FAST)
+@kernel(fastmath=FAST)
 def gram_field(
     first: int, last: int, offset: int, masks: Any, response: Any, tile: Any, tile_of: Any, column0: Any, taps: Any, out: Any
 ) -> None:

@@ -12,7 +12,8 @@ which the compiler vectorises where it does not trust indices (8 times faster, m
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from recon.compiled import kernel
 
 CHUNK = 1 << 14
 LANES = 64
@@ -23,7 +24,7 @@ def chunk_count(size: int) -> int:
     return -(-size // CHUNK)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def direction(a: int, b: int, theta: np.ndarray, back: np.ndarray, weight: float, step: float, delta: np.ndarray, sums: np.ndarray) -> None:
     """Write delta = (z - step grad)_+ - z, folded to theta; back = A^T r, weight = tau / 2.
 
@@ -50,7 +51,7 @@ def direction(a: int, b: int, theta: np.ndarray, back: np.ndarray, weight: float
         sums[c, 1] = _total(length)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def free_gradient(a: int, b: int, theta: np.ndarray, back: np.ndarray, weight: float, out: np.ndarray, sums: np.ndarray) -> None:
     """Write the gradient over the components that may move (z > 0 or gradient < 0), folded to theta.
 
@@ -73,7 +74,7 @@ def free_gradient(a: int, b: int, theta: np.ndarray, back: np.ndarray, weight: f
         sums[c, 0] = _total(length)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def advance(a: int, b: int, theta: np.ndarray, delta: np.ndarray, step: float, sums: np.ndarray) -> None:
     """Set theta += step delta. Row c of sums: |theta|_1 and the number of non-zeros."""
     s = theta.dtype.type(step)
@@ -93,7 +94,7 @@ def advance(a: int, b: int, theta: np.ndarray, delta: np.ndarray, step: float, s
         sums[c, 1] = _total(count)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def add_scaled(a: int, b: int, target: np.ndarray, other: np.ndarray, factor: float, sums: np.ndarray) -> None:
     """Set target += factor other. Row c of sums: |target|^2."""
     f = target.dtype.type(factor)
@@ -110,7 +111,7 @@ def add_scaled(a: int, b: int, target: np.ndarray, other: np.ndarray, factor: fl
         sums[c, 0] = _total(square)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def squares(a: int, b: int, values: np.ndarray, sums: np.ndarray) -> None:
     """Row c of sums: |values|^2."""
     square = np.empty(LANES)
@@ -123,7 +124,7 @@ def squares(a: int, b: int, values: np.ndarray, sums: np.ndarray) -> None:
         sums[c, 0] = _total(square)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _total(lanes: np.ndarray) -> float:
     total = 0.0
     for j in range(LANES):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from recon.compiled import kernel
 from recon.simd import add, fma, lanes, load, load_some, splat, store, store_some, sub
 
 FLOATS, DOUBLES = lanes(np.float32), lanes(np.float64)
@@ -23,14 +24,14 @@ def per_vector(array: Any) -> int:
     return FLOATS if array.itemsize == 4 else DOUBLES
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def aligned(count: int, like: Any) -> Any:
     """Allocate zeros of an array's type that begin at a cache line."""
     out = np.zeros(count + FLOATS, like.dtype)
     return out[-(out.ctypes.data // out.itemsize) % FLOATS :]
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def copy_some(source: Any, at: int, count: int, out: Any, to: int) -> None:
     """Copy some elements to places that don't overlap them."""
     n = per_vector(out)
@@ -41,7 +42,7 @@ def copy_some(source: Any, at: int, count: int, out: Any, to: int) -> None:
         store_some(out, to + whole, load_some(source, at + whole, count - whole), count - whole)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _block(packed: Any, b: int, count: int, x: Any, at: int, step: int, out: Any, to: int, stride: int) -> None:
     """Set four rows of ``out`` (``stride`` apart, four vectors each) to block ``b`` times ``count`` rows of ``x`` (``step`` apart)."""
     n = per_vector(x)
@@ -79,7 +80,7 @@ def _block(packed: Any, b: int, count: int, x: Any, at: int, step: int, out: Any
     store(out, to + 3 * n, d3)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def product(packed: Any, x: Any, at: int, step: int, size: int, out: Any, to: int, stride: int) -> None:
     """Multiply rows of ``size`` places, a multiple of ``BLOCK``; ``out`` gets four rows a block, those of padding too."""
     n = 4 * per_vector(x)
@@ -88,7 +89,7 @@ def product(packed: Any, x: Any, at: int, step: int, size: int, out: Any, to: in
             _block(packed, b, packed.shape[1], x, at + j, step, out, to + 4 * b * stride + j, stride)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def fold(x: Any, at: int, step: int, bands: int, half: int, size: int, out: Any, to: int, stride: int) -> None:
     """Set the first bands - half rows of ``out`` to sums of mirrored rows of ``x``, the next ``half`` to their differences."""
     n = per_vector(x)
@@ -104,7 +105,7 @@ def fold(x: Any, at: int, step: int, bands: int, half: int, size: int, out: Any,
                 store(out, high + j, load(x, p + j))
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def turn_tiles(first: int, last: int, x: Any, even: Any, odd: Any, out: Any) -> None:
     """Multiply the spectra of the tiles ``first..last`` of ``x`` (K, pixels) by a packed matrix; ``out`` (R, pixels) may be ``x``."""
     bands, pixels, result = x.shape[0], x.shape[1], out.shape[0]
@@ -126,7 +127,7 @@ def turn_tiles(first: int, last: int, x: Any, even: Any, odd: Any, out: Any) -> 
             copy_some(made, row, size, out, q * there + at)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def turn_back_tiles(first: int, last: int, x: Any, even: Any, odd: Any, out: Any) -> None:
     """Multiply by a transpose, given as its packed halves: coefficients ``x`` (R, pixels) give ``out`` (K, pixels)."""
     coefficients, pixels, bands = x.shape[0], x.shape[1], out.shape[0]

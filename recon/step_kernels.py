@@ -11,11 +11,12 @@ import numpy as np
 from numba import njit
 
 from recon.aperture_kernels import FAST, _add_product, give_back, mask_row, read_row, row_apart, row_step, see, work_of
+from recon.compiled import kernel
 from recon.simd import add, fma, load, load_some, mul, splat, store, store_some, sub, total
 from recon.spectral_kernels import BLOCK, aligned, copy_some, per_vector
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def relax_row(z: Any, w: Any, x: Any, m: int, relax: Any, step: int, out: Any) -> float:
     """Set row m of every band in ``out`` (``step`` apart) to ``z + relax (w - x)``, zeros behind; returns ``||w - x||^2``."""
     bands, columns, n = z.shape[0], z.shape[2], per_vector(z)
@@ -38,7 +39,7 @@ def relax_row(z: Any, w: Any, x: Any, m: int, relax: Any, step: int, out: Any) -
     return gap
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def finish_row(z: Any, w: Any, x: Any, m: int, ratio: Any, step: int, before: Any, moved: Any, sums: Any) -> None:
     """Set row m of ``x = before + moved``, ``z = x - ratio moved`` and ``w = 2 x - z``.
 
@@ -74,7 +75,7 @@ def finish_row(z: Any, w: Any, x: Any, m: int, ratio: Any, step: int, before: An
     sums[m, 1], sums[m, 2], sums[m, 3] = change, size, length
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _apply_inverse(inverse: Any, m: int, width: int, frames: int, left: Any, there: int, out: Any) -> None:
     """Set ``out[s] = sum_q B[s, q] left[q]`` for the packed symmetric blocks of sensor row m; rows are ``there`` apart."""
     n = per_vector(left)
@@ -88,7 +89,7 @@ def _apply_inverse(inverse: Any, m: int, width: int, frames: int, left: Any, the
             store(out, s * there + BLOCK + j, sum_)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def advance_rows(
     first: int, last: int, z: Any, w: Any, x: Any, relax: Any, frames: Any, optics: Any, inverse: Any, ratio: Any, sums: Any
 ) -> None:
@@ -115,7 +116,7 @@ def advance_rows(
         finish_row(z, w, x, m, ratio, step, raw, moved, sums)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def relax_rows(first: int, last: int, z: Any, w: Any, x: Any, relax: Any, sums: Any) -> None:
     """First half of ``advance_rows`` for the other data steps: ``z += relax (w - x)``."""
     bands, columns = z.shape[0], z.shape[2]
@@ -128,7 +129,7 @@ def relax_rows(first: int, last: int, z: Any, w: Any, x: Any, relax: Any, sums: 
             copy_some(raw, k * step, columns, z, k * band + m * line)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def finish_rows(first: int, last: int, z: Any, step: Any, x: Any, w: Any, ratio: Any, sums: Any) -> None:
     """Second half of ``advance_rows`` for the other data steps: ``x = z + step`` and ``w = 2 x - z``; ``w`` may be ``step``."""
     apart = row_apart(z.shape[2])
@@ -146,7 +147,7 @@ def _copy(source: Any, out: Any) -> None:
         out[j] = source[j]
 
 
-@njit(nogil=True, cache=True, fastmath=FAST)
+@kernel(fastmath=FAST)
 def invert_blocks(first: int, last: int, gram: Any, rho: float, inverse: Any, trust: Any) -> None:
     """Invert ``gram + rho I`` of the rows ``first..last`` by Cholesky, all sensor columns of a row side by side.
 
@@ -198,7 +199,7 @@ def invert_blocks(first: int, last: int, gram: Any, rho: float, inverse: Any, tr
             trust[m, j] = good[j] / (trace[j] * inverse_trace[j]) if good[j] > 0 else 0.0
 
 
-@njit(nogil=True, fastmath=FAST, cache=True)
+@kernel(fastmath=FAST)
 def _invert_triangle(lower: Any, out: Any) -> None:
     """Set the lower triangle ``out[s, q] = (lower^-1)[s, q]``, column by column of every pixel."""
     size, width = lower.shape[0], lower.shape[2]

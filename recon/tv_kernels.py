@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from recon.compiled import kernel
+
 # error_model="numpy": a check for division by zero would keep a loop from being vectorised
 
 LOOK = 4  # iterations between two looks at the duality gap
@@ -89,7 +91,7 @@ def _weigh_row(u: Any, below: Any, p: Any, m: int, work: Any) -> tuple[float, fl
     return total, along
 
 
-@njit(error_model="numpy", nogil=True, fastmath=FAST, cache=True)
+@kernel(error_model="numpy", fastmath=FAST)
 def _settle(c: Any, p: Any, limit: Any, work: Any, out: Any) -> tuple[float, float, float]:
     """Set ``out = c - limit D^T p``; return ``sum |D out|``, the duality gap over ``limit`` and ``||out - c||^2``."""
     rows = c.shape[0]
@@ -108,7 +110,7 @@ def _settle(c: Any, p: Any, limit: Any, work: Any, out: Any) -> tuple[float, flo
     return total + t, total + t - along - a, moved
 
 
-@njit(error_model="numpy", nogil=True, fastmath=FAST, cache=True)
+@kernel(error_model="numpy", fastmath=FAST)
 def _sweep(c: Any, p: Any, r: Any, limit: Any, beta: Any, work: Any) -> None:
     """One iteration on one picture, rolling over its rows; ``work`` is (5, N)."""
     rows = c.shape[0]
@@ -122,7 +124,7 @@ def _sweep(c: Any, p: Any, r: Any, limit: Any, beta: Any, work: Any) -> None:
     _ascend_row(here, here, step, beta, r, p, rows - 1, work)
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(error_model="numpy")
 def denoise_pictures(first: int, last: int, pictures: Any, limits: Any, dual: Any, iterations: int, tolerance: float, sums: Any) -> None:
     """Replace pictures ``first..last`` of (Q, M, N) by ``argmin 1/2 ||u - c||^2 + limit sum |D u|`` from the dual before.
 
@@ -146,7 +148,7 @@ def denoise_pictures(first: int, last: int, pictures: Any, limits: Any, dual: An
         sums[q, 2] = 0.5 * moved + limit * total
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(error_model="numpy")
 def _descend(c: Any, p: Any, r: Any, limit: Any, work: Any, out: Any, iterations: int, tolerance: float) -> None:
     """Iterate the dual ``p`` of one picture until the duality gap is small."""
     for i in range(2):
@@ -165,7 +167,7 @@ def _descend(c: Any, p: Any, r: Any, limit: Any, work: Any, out: Any, iterations
         momentum = grown
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@kernel(error_model="numpy")
 def weigh_pictures(first: int, last: int, pictures: Any, sums: Any) -> None:
     """Set ``sums[q] = sum |D u|`` for the pictures ``first..last`` of (Q, M, N)."""
     rows, columns = pictures.shape[1:]

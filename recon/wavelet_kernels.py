@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from recon.compiled import kernel
 from recon.simd import (
     add,
     evens,
@@ -44,13 +45,13 @@ def _soft(v: Any, limit: Any) -> Any:
     return sub(v, lowest(highest(v, sub(sub(limit, limit), limit)), limit))
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _row_size(columns: int) -> int:
     """Count the places kept for half a row: whole vectors, so that all begin at a cache line."""
     return (columns // 2 + 2 * PAD + FLOATS - 1) // FLOATS * FLOATS
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _places(base: int, start: int, step: int, rows: int, columns: int, count: int, out: Any) -> None:
     """Set ``out[p]`` to the offset of row ``(start + p step) mod rows`` for p below ``count``."""
     at = start % rows
@@ -61,7 +62,7 @@ def _places(base: int, start: int, step: int, rows: int, columns: int, count: in
             at -= rows
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _extend(row: Any, at: int, size: int, before: int, after: int) -> None:
     """Continue ``row[at .. at + size)`` periodically by some places on either side."""
     for i in range(1, before + 1):
@@ -82,7 +83,7 @@ def _sum4(w: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     return fma(w[3], d, fma(w[2], c, fma(w[1], b, mul(w[0], a))))
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _down_columns(source: Any, rows: Any, first: int, weights: Any, columns: int, halves: Any, size: int) -> None:
     """Filter the rows ``first ..`` into a low and a high one, each split: ``halves`` gets low even, low odd, high even, high odd."""
     n, taps = per_vector(source), weights.shape[1]
@@ -113,7 +114,7 @@ def _down_columns(source: Any, rows: Any, first: int, weights: Any, columns: int
         store(halves, 3 * size + i, odds(c, d))
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _along_row(halves: Any, f: int, g: int, weights: Any, count: int, lower: Any, upper: Any, out: Any, to: int) -> float:
     """Filter one split row into ``count`` low and as many high places; ``f``, ``g``: where even and odd taps begin to read.
 
@@ -143,7 +144,7 @@ def _along_row(halves: Any, f: int, g: int, weights: Any, count: int, lower: Any
     return (total(left) if lower >= 0 else zero) + (total(right) if upper >= 0 else zero)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _up_columns(source: Any, rows: Any, first: int, weights: Any, half: int, quarters: Any, size: int) -> None:
     """Join the pairs of low and high rows ``first, first - 2, ..`` to two rows: ``quarters`` gets low and high columns of either."""
     n, taps = per_vector(source), weights.shape[1]
@@ -170,7 +171,7 @@ def _up_columns(source: Any, rows: Any, first: int, weights: Any, half: int, qua
             store(quarters, (2 + side) * size + PAD + j, b)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _join_row(rows: Any, f: int, g: int, size: int, weights: Any, count: int, swap: bool, out: Any, to: int) -> None:
     """Join ``count`` low and high places (``size`` further on) to 2 ``count``; even taps read from ``f``, odd ones from ``g`` downwards.
 
@@ -198,7 +199,7 @@ def _join_row(rows: Any, f: int, g: int, size: int, weights: Any, count: int, sw
             store_some(out, to + 2 * i + n, zip_high(a, b), 2 * (count - i) - n)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _analyse(
     band: Any, base: int, rows: int, columns: int, weights: Any, origin: int, levels: int, limit: Any, places: Any, work: Any
 ) -> float:
@@ -235,7 +236,7 @@ def _analyse(
     return norm
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _synthesise(band: Any, base: int, rows: int, columns: int, weights: Any, origin: int, levels: int, places: Any, work: Any) -> None:
     """Invert ``_analyse`` of one band in place."""
     taps = weights.shape[1]
@@ -267,7 +268,7 @@ def _synthesise(band: Any, base: int, rows: int, columns: int, weights: Any, ori
             _join_row(work, 2 * size + f, 2 * size + g, size, weights, c // 2, swap, band, places[p + 1])
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _threshold(band: Any, base: int, count: int, limit: Any) -> float:
     """Soft-threshold a band without any wavelet and return the l1 norm of what is left."""
     n = per_vector(band)
@@ -284,7 +285,7 @@ def _threshold(band: Any, base: int, count: int, limit: Any) -> float:
     return norm
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _pack(band: Any, base: int, rows: int, columns: int, origin: int, levels: int, places: Any, packed: Any, to: int, back: bool) -> None:
     """Copy a band from the kernel's order of rows to PyWavelets' packed one, or ``back``."""
     start = 0
@@ -307,13 +308,13 @@ def _pack(band: Any, base: int, rows: int, columns: int, origin: int, levels: in
                 copy_some(band, here + first, count, packed, to + row * columns + first)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _work(columns: int, taps: int, like: Any) -> Any:
     """Allocate the split rows, one window of rows and the rows that a level saves."""
     return aligned(4 * _row_size(columns) + 2 * taps * columns, like)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def shrink_bands(first: int, last: int, cube: Any, filters: Any, length: int, levels: int, limits: Any, sums: Any) -> None:
     """Replace the bands ``first..last`` of ``cube`` (K, M, N) by ``W soft(W^T f, limits[k])``; ``sums[k]`` gets the l1 norm left."""
     rows, columns = cube.shape[1], cube.shape[2]
@@ -328,7 +329,7 @@ def shrink_bands(first: int, last: int, cube: Any, filters: Any, length: int, le
             _synthesise(cube, k * stride, rows, columns, filters, 1 - length // 2, levels, places, work)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def analysis_bands(first: int, last: int, cube: Any, filters: Any, length: int, levels: int, out: Any) -> None:
     """Analyse the bands ``first..last`` of ``cube`` (K, M, N) into packed coefficients ``out``; they may be one array."""
     rows, columns = cube.shape[1], cube.shape[2]
@@ -343,7 +344,7 @@ def analysis_bands(first: int, last: int, cube: Any, filters: Any, length: int, 
         _pack(band, 0, rows, columns, 1 - length // 2, levels, places, out, k * there, False)
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def synthesis_bands(first: int, last: int, packed: Any, filters: Any, length: int, levels: int, out: Any) -> None:
     """Invert ``analysis_bands`` (its transpose) for the bands ``first..last``; ``packed`` and ``out`` may be one array."""
     rows, columns = packed.shape[1], packed.shape[2]
