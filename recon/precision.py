@@ -36,10 +36,6 @@ def check(problem: Problem, solver: Solver) -> None:
 
 
 def check_step(dtype: np.dtype, condition: float) -> None:
-    """Raise ``TooCoarse`` when H H^T is so ill-conditioned (root mean square over its blocks) that float32 blurs the data step.
-
-    Bands at rho = 0 always are: to factor them in float32, 1e-6 of the largest entry is added, in float64 1e-11, and what small
-    eigenvalues know of the cube is worth up to 0.2 dB (Bayer).
-    """
+    """Raise ``TooCoarse`` when H H^T is so ill-conditioned (root mean square over its blocks) that float32 blurs the data step."""
     if dtype == np.float32 and float(np.finfo(dtype).eps) * condition > BLURRED:
-        raise TooCoarse(f"H H^T has a condition of {condition:.1e} (root mean square over its blocks; bands: what float32 can follow)")
+        raise TooCoarse(f"the blocks of H H^T have a condition of {condition:.1e} (root mean square)")

@@ -134,7 +134,7 @@ def _resolved(
 def warm_up(dtype: Any = np.float32) -> None:
     """Compile the kernels of all solvers on a cube of 8 x 8 x 2, so that the first real solve starts at once.
 
-    numba keeps what it compiles on disk; on a fresh checkout this takes some ten seconds, which a caller can spend in a
+    numba keeps what it compiles on disk; on a fresh checkout this takes most of a minute, which a caller can spend in a
     thread of its own while something else runs.
     """
     from recon.admm import Admm
