@@ -2,7 +2,7 @@
 
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -129,26 +129,6 @@ def _resolved(
         return float(tau), None
     choice = tau.choose(operator, frames, prior=prior, noise=noise, nonnegative=nonnegative)
     return choice.tau, choice
-
-
-def warm_up(dtype: Any = np.float32) -> None:
-    """Compile the kernels of all solvers on a cube of 8 x 8 x 2, so that the first real solve starts at once.
-
-    numba keeps what it compiles on disk; on a fresh checkout this takes most of a minute, which a caller can spend in a
-    thread of its own while something else runs.
-    """
-    from recon.admm import Admm
-    from recon.gpsr import Gpsr
-    from recon.tau import Given, tune
-
-    masks = np.indices((1, 8, 8)).sum(0) % 2
-    for spread in (1, 2):
-        camera = CodedAperture(masks, np.ones((1, 2)), np.arange(2), np.ones((2, spread)), dtype=dtype)
-        camera.astype(np.float64).forward(np.ones(camera.in_shape))
-        frames = camera.forward(np.ones(camera.in_shape, dtype))
-        reconstruct(camera, frames, threads=1)
-        tune(camera, frames, Given(threads=1), refine=Admm())
-        reconstruct(camera, frames, solver=Gpsr(max_iterations=2), tau=1e-3, threads=1)
 
 
 def _solution(operator: LinearOperator, problem: Problem, found: Found, notes: tuple[str, ...], began: float) -> Solution:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -59,17 +58,21 @@ def run_study(config: StudyConfig, folder: Path, command: str = "optsim run", qu
     """
     from threadpoolctl import threadpool_limits
 
+    from recon import warm_up_beside
+
     began = time.perf_counter()
     store = Store(folder)
     tasks = solves(config)
     total = WORLD_COST * len(config.targets) + sum(t.cost for t in tasks) + REPORT_COST
-    _compile_meanwhile()
+    compiled = warm_up_beside()
     with Progress(total, quiet) as progress, threadpool_limits(limits=1, user_api="blas"):
         try:
             worlds = {}
             for target in config.targets:
                 worlds[target] = make_world(config, target, store, progress.say_share)
                 progress.advance(WORLD_COST, f"{target}: rendered and photographed")
+            progress.say("compiling the solvers (the first time only)")
+            compiled()
             results, failures = _solve_all(config, tasks, store, progress)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f"stopped; what is finished stays in {folder}, and the same command goes on from there") from None
@@ -86,13 +89,6 @@ def run_study(config: StudyConfig, folder: Path, command: str = "optsim run", qu
     if failures:
         raise StudyFailed(f"{len(failures)} of {len(tasks)} reconstructions failed; see {page}. First: {notes[0]}")
     return Outcome(folder, page, store.root / "summary.json", rows, time.perf_counter() - began)
-
-
-def _compile_meanwhile() -> None:
-    """Let numba compile the solvers' kernels (or find them on disk) while the first target is rendered."""
-    from recon import warm_up
-
-    threading.Thread(target=warm_up, name="compile", daemon=True).start()
 
 
 def _solve_all(

@@ -1,9 +1,11 @@
 """Kernels on disk: no process takes one kernel's code for another's, and none outlives a change."""
 
+import os
 import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from recon.compiled import SharedCacheFile, kernel, sources
 
@@ -42,3 +44,27 @@ def test_a_kernel_carries_the_digest_of_all_kernels_and_computes():
     assert twice._cache._cache_file._source_stamp == sources()
     assert len(sources()) == 64
     assert twice(np.float64(1.5)) == 3.0
+
+
+@pytest.mark.slow
+def test_two_processes_compile_all_that_a_first_solve_needs(tmp_path):
+    def run(code):
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+
+    run("from recon import warm_up_beside; warm_up_beside()()")
+    compiled = """
+from numba.core import event
+from recon.warm import solves, transforms
+with event.install_recorder("numba:compile") as record:
+    transforms()
+    solves()
+names = {e.data["dispatcher"].py_func.__module__ for _, e in record.buffer if hasattr(e.data["dispatcher"], "_cache")}
+print(sorted(name for name in names if name.startswith("recon")))
+from recon import warm_up_beside
+import os
+import subprocess
+subprocess.Popen = None  # all is there: nothing is started
+warm_up_beside()()
+"""
+    assert run(compiled).strip() == "[]"

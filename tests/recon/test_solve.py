@@ -12,7 +12,8 @@ from recon.errors import InputError
 from recon.fista import Fista
 from recon.l1 import L1
 from recon.operator import LinearOperator
-from recon.solve import reconstruct, warm_up
+from recon.solve import reconstruct
+from recon.warm import warm_up
 
 SOLVERS = [(BasisPursuit(), None), (Admm(), 0.05), (Fista(), 0.05)]
 NAMES = ["basis-pursuit", "admm", "fista"]
