@@ -7,7 +7,9 @@ from recon.coded_aperture import CodedAperture
 from recon.field_aperture import FieldAperture
 from recon.operator_step import Sums
 
-REGULAR = 1e-6  # of the largest diagonal entry: what is added when rho = 0
+REGULAR = {"float32": 1e-6, "float64": 1e-11}  # of the largest diagonal entry: what is added when rho = 0
+FAITHFUL = 1e-9
+LIMITED = "limited by float32: {:g} of H H^T's largest entry was added to project on bands; float64 adds 1e-11"
 NEAR_SHARE = 0.9  # of a band's light that the columns kept there hold
 
 
@@ -45,8 +47,9 @@ class RowInverse:
 class BandedStep:
     """The exact step by a ``RowInverse``, applied in the operator's type.
 
-    With rho = 0 it adds 1e-6 of the largest diagonal entry, as blocks leave eigenvalues below that out: an exact fit would amplify what H
-    does not know of the optics without bound. What it leaves of g - H f is in ``Solution.residual``.
+    With rho = 0 it adds 1e-6 (float64: 1e-11) of the largest diagonal entry: basis pursuit becomes Eq. 4 with a tau that small,
+    and what it leaves of g - H f is in ``Solution.residual``. Blocks leave eigenvalues below 1e-6 out; a fit closer than that
+    amplifies without bound what H does not know of the optics, so float64 is not chosen by itself here.
     """
 
     def __init__(
@@ -61,9 +64,11 @@ class BandedStep:
 
         self._advance = banded_kernels.advance_groups
         self._relax, self._finish = step_kernels.relax_rows, step_kernels.finish_rows
-        self.notes, self.condition = notes, 1.0
+        regular = REGULAR[operator.dtype.name]
+        said = () if rho > 0 or regular < FAITHFUL else (LIMITED.format(regular),)
+        self.notes, self.condition = (*notes, *said), 1.0
         self._operator = operator
-        self._inverse = RowInverse(operator, rho, REGULAR, weights)
+        self._inverse = RowInverse(operator, rho, regular, weights)
         self._weights = None if weights is None else weights.astype(operator.dtype)
         self._frames = np.ascontiguousarray(frames if weights is None else frames * weights, operator.dtype)
         self._none = np.zeros((0, 0, 0, 0), operator.dtype)

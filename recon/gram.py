@@ -5,11 +5,11 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from recon.banded import REGULAR
 from recon.errors import InputError
 from recon.operator import LinearOperator
 
 CUTOFF = 1e-6  # of a block's largest eigenvalue: below it an eigenvalue counts as 0 when rho = 0
+REGULAR = 1e-11  # of the largest diagonal entry: what a band gets added when rho = 0
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class GramBands:
         return GramBands(self.index, bands)
 
     def inverse(self, rho: float) -> "BandInverse":
-        """Return ``(H H^T + rho I)^-1``; at rho = 0 with 1e-6 of the largest diagonal entry for rho."""
+        """Return ``(H H^T + rho I)^-1``; at rho = 0 with 1e-11 of the largest diagonal entry for rho."""
         return BandInverse(self, rho)
 
 
