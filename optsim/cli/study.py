@@ -27,7 +27,7 @@ app = cyclopts.App(name="study", help_format="markdown", version=__version__)
 def paper_claims(*, quick: Quick = False, out: Out = None, seed: Seed = 0, json: Json = False) -> None:
     """Judge every claim of the paper under readings that change one factor at a time, with intervals.
 
-    Prints the plan and the expected time first: quick under 5 minutes, in full under 3 hours on two cores. Leaves
+    Prints the plan and the expected time first: quick some 5 minutes, in full some hours on two cores. Leaves
     paper-claims.html, claims.json, rows.json and figures/.
 
     Example: `optsim study paper-claims --quick --out verdict`

@@ -80,7 +80,7 @@ class ClaimsConfig(BaseModel):
 
     @classmethod
     def quick(cls, seed: int = 0) -> ClaimsConfig:
-        """Return the quick form: 40 x 40, three random scenes, R = 1/8 and 1/2, five minutes at most on two cores."""
+        """Return the quick form: 40 x 40, three random scenes, R = 1/8 and 1/2, meant for five minutes on two cores."""
         return cls(
             seed=seed,
             size=40,
