@@ -7,12 +7,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from pydantic import field_validator
 
-from recon import threads
 from recon.config import Config
 from recon.errors import InputError
 
 ORTHONORMAL = 1e-6  # allowed error of given rows; they are made exactly orthonormal afterwards
-PIXELS_AT_ONCE = 4096
 FAINTEST = 1e-3  # strengths below this part of the largest count as this part: a library doesn't know them
 
 
@@ -137,34 +135,3 @@ def cosine_matrix(bands: int, dtype: Any) -> np.ndarray:
 def _rows(rows: tuple[tuple[float, ...], ...], dtype: str) -> np.ndarray:
     u, _, vt = np.linalg.svd(np.array(rows))  # the nearest orthonormal matrix, whatever digits were lost on the way
     return np.asarray((u @ vt).astype(dtype))
-
-
-def turn(matrix: np.ndarray, source: np.ndarray, target: np.ndarray) -> None:
-    """Set ``target[i] = sum_k matrix[i, k] source[k]`` for band-major cubes; ``target`` may be ``source``."""
-    x, out = source.reshape(source.shape[0], -1), target.reshape(target.shape[0], -1)
-
-    def part(first: int, last: int) -> None:
-        for slab in range(first, last):
-            chosen = slice(slab * PIXELS_AT_ONCE, (slab + 1) * PIXELS_AT_ONCE)
-            out[:, chosen] = matrix @ x[:, chosen]
-
-    threads.run(part, -(-x.shape[1] // PIXELS_AT_ONCE))
-
-
-def turn_and_shrink(matrix: np.ndarray, cube: np.ndarray, limits: np.ndarray, threshold: float) -> float:
-    """Soft-threshold a band-major cube's spectral coefficients in place; return ``sum limit |what is left| / threshold``."""
-    x = cube.reshape(cube.shape[0], -1)
-    back, limit = np.ascontiguousarray(matrix.T), limits.astype(cube.dtype)[:, None]
-    weights = limits / threshold if threshold > 0 else np.ones(len(limits))
-    sums = np.zeros(-(-x.shape[1] // PIXELS_AT_ONCE))
-
-    def part(first: int, last: int) -> None:
-        for slab in range(first, last):
-            chosen = slice(slab * PIXELS_AT_ONCE, (slab + 1) * PIXELS_AT_ONCE)
-            theta = matrix @ x[:, chosen]
-            theta -= np.clip(theta, -limit, limit)
-            x[:, chosen] = back @ theta
-            sums[slab] = weights @ np.abs(theta).sum(1, dtype=np.float64)
-
-    threads.run(part, len(sums))
-    return float(sums.sum())

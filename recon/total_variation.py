@@ -8,8 +8,9 @@ from pydantic import Field, field_validator
 from recon import threads
 from recon.config import Config
 from recon.errors import InputError
-from recon.spectral_basis import Cosine, turn
+from recon.spectral_basis import Cosine
 from recon.splitting import Levels
+from recon.turning import turn
 
 LEVELS = Levels(start=2.0, end=0.03, decay=0.96)
 """How a splitting's threshold should fall where weights differ: low enough at the end for the weakest coefficients (theory.md (S.65))."""
