@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.cases import Case, Measured, measured
 from recon import Admm, BasisPursuit, Fista, Gpsr, reconstruct, warm_up
 from recon.metrics import psnr
-from recon.tau import Discrepancy, tau_max
+from recon.tau import Discrepancy, Given, tau_max
 
 CLOSE_DB = 0.1
 FRACTION = 5e-5
@@ -84,9 +84,9 @@ class Race:
         self.case, self.photo = case, measured(case)
         photo = self.photo
         if photo.variance is None:
-            self.tau = FRACTION * tau_max(photo.operator, photo.frames, threads=1)
+            self.tau = FRACTION * tau_max(photo.operator, photo.frames, Given(threads=1))
         else:
-            self.tau = Discrepancy().choose(photo.operator, photo.frames, noise=photo.variance, threads=1).tau
+            self.tau = Discrepancy().choose(photo.operator, photo.frames, Given(noise=photo.variance, threads=1)).tau
         self._goals: dict[str, float] = {}
 
     def solve(self, entrant: Entrant, solver: Any) -> float:

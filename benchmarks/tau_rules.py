@@ -36,7 +36,7 @@ def cases(size: int) -> list[Case]:
 
 def judge(rule: TauRule, photo: Measured, variance: np.ndarray | None, scores: list[float]) -> dict[str, Any]:
     """Return what a rule chose, its PSNR and its loss against the better of the path's best and itself."""
-    choice = rule.choose(photo.operator, photo.frames, noise=variance, threads=1)
+    choice = rule.choose(photo.operator, photo.frames, Given(noise=variance, threads=1))
     solution = reconstruct(
         photo.operator, photo.frames, solver=Admm(), tau=choice.tau, noise=variance, start=choice.start, threads=1
     )  # fmt: skip

@@ -76,6 +76,11 @@ class Problem:
         known = self.penalty.tau_max(correlation)
         return 2 * float(np.abs(correlation).max()) if known is None else known
 
+    def photographed(self, cube: np.ndarray) -> np.ndarray:
+        """Return H' f' in float64 for a cube in the caller's units: what ``exact_frames`` are compared with."""
+        normal = (cube.astype(np.float64) / self.unit).astype(self.operator.dtype)
+        return np.asarray(self.operator.forward(normal), np.float64)
+
     def misfit(self, cube: np.ndarray) -> float:
         """Return ``||g' - H' f'||^2``, summed in float64."""
         gap = self.exact_frames - self.operator.forward(cube)

@@ -107,18 +107,17 @@ def choose_prior(
     Raises:
         InputError: ``priors`` without candidates; what :func:`recon.reconstruct` refuses.
     """
-    from recon.tau import AutoTau
+    from recon.tau import AutoTau, Given
 
     if not priors:
         raise InputError("priors", tuple(priors), "at least one prior")
     values = np.asarray(frames)
     held = np.broadcast_to(AutoTau(share=share, seed=seed).held_out(values.shape), values.shape)
-    variance = np.ones(values.shape) if noise is None else np.broadcast_to(np.asarray(noise, np.float64), values.shape)
-    hidden = np.where(held, np.inf, variance)
+    blind = Given(noise=noise, threads=threads).without(held, values.shape)
     size = float((values[held].astype(np.float64) ** 2).sum())
     errors = []
     for prior in priors:
-        found = reconstruct(operator, values, prior=prior, tau=tau, noise=hidden, threads=threads)
+        found = replace(blind, prior=prior).reconstruct(operator, values, tau=tau)
         gap = (values - operator.forward(found.cube))[held].astype(np.float64)
         errors.append(float(gap @ gap) / size if size > 0 else 0.0)
     best = int(np.argmin(errors))

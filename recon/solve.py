@@ -121,13 +121,12 @@ def _resolved(
     nonnegative: bool,
 ) -> "tuple[float, TauChoice | None]":
     """Return the absolute tau and, where a rule found it, how."""
-    if tau is None:
-        from recon.tau import AutoTau
+    from recon.tau import AutoTau, Given
 
-        tau = AutoTau()
+    tau = AutoTau() if tau is None else tau
     if isinstance(tau, int | float | np.number):
         return float(tau), None
-    choice = tau.choose(operator, frames, prior=prior, noise=noise, nonnegative=nonnegative)
+    choice = tau.choose(operator, frames, Given(prior, noise, nonnegative))
     return choice.tau, choice
 
 

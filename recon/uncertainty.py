@@ -16,7 +16,6 @@ from recon.errors import InputError
 from recon.operator import Operator
 from recon.problem import Problem, Solver
 from recon.solution import Solution
-from recon.solve import reconstruct
 from recon.tau.choice import Given
 
 if TYPE_CHECKING:
@@ -111,24 +110,24 @@ def estimate_error(
     problem = plain.pose(operator, frames)
     if problem is None:
         raise InputError("frames", 0.0, "different from zero somewhere: without light there is no error to estimate")
-    solution = _solved(operator, frames, about, solver, tau)
+    solution = about.reconstruct(operator, frames, solver=solver, tau=tau)
     _tell(on_repeat, 0, solution)
     world = _World(problem, about, plan, np.asarray(frames, np.float64), solution)
     blind = about.without(world.held, world.frames.shape)
-    again = _solved(operator, frames, blind, solver, solution.tau, solution.cube)
+    again = blind.reconstruct(operator, frames, solver=solver, tau=solution.tau, start=solution.cube)
     _tell(on_repeat, 1, again)
     asked = world.surprise(frames, again.cube)
     repeats, found, grown = [], [], []
     for i in range(plan.repeats):
         step = world.displacement(i)
         truth, seen = world.photograph(world.cube, step)
-        repeat = _solved(operator, seen, blind, solver, solution.tau)
+        repeat = blind.reconstruct(operator, seen, solver=solver, tau=solution.tau)
         _tell(on_repeat, 2 + i, repeat)
         found.append(world.surprise(seen, repeat.cube))
         repeats.append(_returned(repeat.cube - truth, step))
         if i < GENERATIONS:
             offspring, seen = world.photograph(repeat.cube, world.displacement(i + 1))
-            child = _solved(operator, seen, blind, solver, solution.tau)
+            child = blind.reconstruct(operator, seen, solver=solver, tau=solution.tau)
             grown.append((((repeat.cube - truth) ** 2).mean(), ((child.cube - offspring) ** 2).mean()))
     scale = _at_least_one(asked, float(np.mean(found))) * _at_least_one(*np.mean(grown, axis=0))
     squares, counts = (np.sum(part, axis=0) for part in zip(*repeats))
@@ -185,31 +184,8 @@ class _World:
         return np.asarray(sigma * self._draw.standard_normal(self.frames.shape))
 
     def _seen(self, cube: np.ndarray) -> np.ndarray:
-        problem = self._problem
-        normal = (cube / problem.unit).astype(problem.operator.dtype)
         with pool.use(self._about.threads):
-            return np.asarray(problem.operator.forward(normal), np.float64) * problem.light
-
-
-def _solved(
-    operator: Operator,
-    frames: np.ndarray,
-    about: Given,
-    solver: Solver | None,
-    tau: float | TauRule | None,
-    start: np.ndarray | None = None,
-) -> Solution:
-    return reconstruct(
-        operator,
-        frames,
-        prior=about.prior,
-        solver=solver,
-        tau=tau,
-        noise=about.noise,
-        nonnegative=about.nonnegative,
-        start=start,
-        threads=about.threads,
-    )
+            return self._problem.photographed(cube) * self._problem.light
 
 
 def _tell(on_repeat: OnRepeat | None, number: int, solution: Solution) -> None:

@@ -12,7 +12,9 @@ from recon import threads as pool
 from recon.config import Config
 from recon.operator import Operator
 from recon.prior import Prior
-from recon.problem import Problem, pose
+from recon.problem import OnIteration, Problem, Solver, pose
+from recon.solution import Solution
+from recon.solve import reconstruct
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,30 @@ class Given:
     def pose(self, operator: Operator, frames: np.ndarray) -> Problem | None:
         """Return the checked and normalised problem; None for frames that are zero everywhere."""
         return pose(operator, frames, self.prior, noise=self.noise, nonnegative=self.nonnegative)
+
+    def reconstruct(
+        self,
+        operator: Operator,
+        frames: np.ndarray,
+        *,
+        solver: Solver | None = None,
+        tau: float | TauRule | None = None,
+        start: np.ndarray | None = None,
+        on_iteration: OnIteration | None = None,
+    ) -> Solution:
+        """Call :func:`recon.reconstruct` with what is given."""
+        return reconstruct(
+            operator,
+            frames,
+            prior=self.prior,
+            solver=solver,
+            tau=tau,
+            noise=self.noise,
+            nonnegative=self.nonnegative,
+            start=start,
+            threads=self.threads,
+            on_iteration=on_iteration,
+        )
 
     def without(self, held: np.ndarray, shape: tuple[int, ...]) -> Given:
         """Return the same with the measurements ``held`` (bool, broadcastable to frames of ``shape``) left out."""
@@ -68,16 +94,7 @@ class TauChoice:
 class TauRule(Protocol):
     """A way to find an absolute tau for one operator and its frames without ground truth."""
 
-    def choose(
-        self,
-        operator: Operator,
-        frames: np.ndarray,
-        *,
-        prior: Prior | None = None,
-        noise: np.ndarray | None = None,
-        nonnegative: bool = False,
-        threads: int | None = None,
-    ) -> TauChoice:
+    def choose(self, operator: Operator, frames: np.ndarray, given: Given | None = None) -> TauChoice:
         """Return the tau for these frames."""
         ...
 
@@ -91,37 +108,22 @@ class TauFraction(Config):
 
     fraction: float = Field(ge=0)
 
-    def choose(
-        self,
-        operator: Operator,
-        frames: np.ndarray,
-        *,
-        prior: Prior | None = None,
-        noise: np.ndarray | None = None,
-        nonnegative: bool = False,
-        threads: int | None = None,
-    ) -> TauChoice:
+    def choose(self, operator: Operator, frames: np.ndarray, given: Given | None = None) -> TauChoice:
         """Return ``fraction * tau_max`` for these frames."""
-        tau = self.fraction * tau_max(operator, frames, prior=prior, noise=noise, threads=threads)
+        tau = self.fraction * tau_max(operator, frames, given)
         return TauChoice(tau, self.fraction, f"tau is {self.fraction:g} of tau_max, as asked")
 
 
-def tau_max(
-    operator: Operator,
-    frames: np.ndarray,
-    *,
-    prior: Prior | None = None,
-    noise: np.ndarray | None = None,
-    threads: int | None = None,
-) -> float:
+def tau_max(operator: Operator, frames: np.ndarray, given: Given | None = None) -> float:
     """Return the least tau whose answer is zero, with l1 ``2 max |Psi^T H^T g|`` (theory.md (S.9)); 0 for dark frames.
 
     For priors without such a formula it is ``2 max |H^T g|``, a scale that fractions can refer to.
     """
-    problem = pose(operator, frames, prior, noise=noise)
+    about = Given() if given is None else given
+    problem = about.pose(operator, frames)
     if problem is None:
         return 0.0
-    with pool.use(threads):
+    with pool.use(about.threads):
         return problem.outer_tau(problem.reference_tau())
 
 

@@ -11,10 +11,8 @@ from recon import threads as pool
 from recon.config import Config
 from recon.errors import InputError
 from recon.operator import Operator
-from recon.prior import Prior
 from recon.problem import Problem
 from recon.solution import Solution
-from recon.solve import reconstruct
 from recon.tau.choice import Given, TauChoice, dark_choice
 from recon.tau.path import TauPath
 
@@ -41,28 +39,18 @@ class Discrepancy(Config):
     target: float = Field(default=1.0, ge=0.01, le=100)
     seed: int = Field(default=0, ge=0, lt=2**64)
 
-    def choose(
-        self,
-        operator: Operator,
-        frames: np.ndarray,
-        *,
-        prior: Prior | None = None,
-        noise: np.ndarray | None = None,
-        nonnegative: bool = False,
-        threads: int | None = None,
-    ) -> TauChoice:
+    def choose(self, operator: Operator, frames: np.ndarray, given: Given | None = None) -> TauChoice:
         """Return the tau that leaves as much as the noise would.
 
         Raises:
             InputError: ``noise`` when it is not given; else see :func:`recon.reconstruct`.
         """
-        if noise is None:
+        if given is None or given.noise is None:
             raise InputError("noise", None, "the variance of each measurement; without it take AutoTau(), which needs none")
-        given = Given(prior, noise, nonnegative, threads)
         problem = given.pose(operator, frames)
         if problem is None:
             return dark_choice()
-        with pool.use(threads):
+        with pool.use(given.threads):
             largest = problem.outer_tau(problem.reference_tau())
         ruler = _Ruler(self, operator, np.asarray(frames, np.float64), given, problem)
         ratios: list[float] = []
@@ -124,23 +112,17 @@ class _Ruler:
     def _freedom(self, solution: Solution, seen: np.ndarray) -> float:
         """Return the share of a little added noise that the answer follows, by one random probe (theory.md (S.81))."""
         signs = self._draw.choice(np.array([-1.0, 1.0]), self._frames.shape)
-        about = self._given
-        moved = reconstruct(
+        moved = self._given.reconstruct(
             self._operator,
             self._frames + PROBE * self._sigma * signs,
-            prior=about.prior,
-            solver=self._rule.path.solver_for(self._operator, about),
+            solver=self._rule.path.solver_for(self._operator, self._given),
             tau=solution.tau,
-            noise=about.noise,
-            nonnegative=about.nonnegative,
             start=solution.cube,
-            threads=about.threads,
         )
         self.made += moved.iterations
         return float((signs * (self._seen(moved) - seen))[self._counts].mean()) / (PROBE * self._unit)
 
     def _seen(self, solution: Solution) -> np.ndarray:
         """Return W^(1/2) H f of the normalised problem."""
-        normal = (solution.cube.astype(np.float64) / self._problem.unit).astype(self._problem.operator.dtype)
         with pool.use(self._given.threads):
-            return np.asarray(self._problem.operator.forward(normal), np.float64)
+            return self._problem.photographed(solution.cube)

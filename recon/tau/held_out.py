@@ -9,7 +9,6 @@ from recon import threads as pool
 from recon.config import Config
 from recon.errors import InputError
 from recon.operator import Operator
-from recon.prior import Prior
 from recon.problem import OnIteration, Problem
 from recon.tau.choice import Given, TauChoice, dark_choice
 from recon.tau.path import OnPoint, TauPath
@@ -34,22 +33,13 @@ class AutoTau(Config):
     slack: float = Field(default=0.1, ge=0, le=1)
     seed: int = Field(default=0, ge=0, lt=2**64)
 
-    def choose(
-        self,
-        operator: Operator,
-        frames: np.ndarray,
-        *,
-        prior: Prior | None = None,
-        noise: np.ndarray | None = None,
-        nonnegative: bool = False,
-        threads: int | None = None,
-    ) -> TauChoice:
+    def choose(self, operator: Operator, frames: np.ndarray, given: Given | None = None) -> TauChoice:
         """Return the smallest tau that predicts the held-out pixels nearly as well as the best.
 
         Raises:
             InputError: see :func:`recon.reconstruct`.
         """
-        return self.try_all(operator, frames, Given(prior, noise, nonnegative, threads))[0]
+        return self.try_all(operator, frames, given)[0]
 
     def try_all(
         self,
@@ -115,8 +105,7 @@ class AutoTau(Config):
 
 def _held_squares(problem: Problem, cube: np.ndarray, held: np.ndarray) -> np.ndarray:
     """Return (held-out pixels,) squared errors in the normalised problem's units."""
-    normal = (cube.astype(np.float64) / problem.unit).astype(problem.operator.dtype)
-    gap = (problem.exact_frames - problem.operator.forward(normal))[..., held]
+    gap = (problem.exact_frames - problem.photographed(cube))[..., held]
     return np.asarray((gap**2).reshape(-1, gap.shape[-1]).sum(0))
 
 

@@ -19,7 +19,6 @@ from recon.l1 import L1
 from recon.operator import Operator
 from recon.problem import OnIteration, Solver
 from recon.solution import Solution
-from recon.solve import reconstruct
 from recon.tau.choice import Given, tau_max
 
 OnPoint = Callable[[int, Solution], None]
@@ -103,23 +102,12 @@ class TauPath(Config):
         """Yield the solutions one by one, each solved when it is asked for; arguments as of ``follow``."""
         about = Given() if given is None else given
         if largest is None:
-            largest = tau_max(operator, frames, prior=about.prior, noise=about.noise, threads=about.threads)
+            largest = tau_max(operator, frames, about)
         solver = self.solver_for(operator, about)
         found: list[Solution] = []
         for fraction in self.fractions:
             start = _followed(guide, found) if guide else self._predicted(found)
-            solution = reconstruct(
-                operator,
-                frames,
-                prior=about.prior,
-                solver=solver,
-                tau=fraction * largest,
-                noise=about.noise,
-                nonnegative=about.nonnegative,
-                start=start,
-                threads=about.threads,
-                on_iteration=on_iteration,
-            )
+            solution = about.reconstruct(operator, frames, solver=solver, tau=fraction * largest, start=start, on_iteration=on_iteration)
             found.append(solution)
             yield solution
 

@@ -41,22 +41,25 @@ def closed_form(frames, counted):
 def test_the_rule_finds_the_threshold_that_the_closed_form_gives(probes):
     frames = picture()
     rule = Discrepancy(path=FINE, probes=probes)
-    choice = rule.choose(window(), frames, prior=L1(basis=BASIS), noise=np.full(frames.shape, SIGMA**2))
+    choice = rule.choose(window(), frames, Given(prior=L1(basis=BASIS), noise=np.full(frames.shape, SIGMA**2)))
     assert choice.tau == pytest.approx(closed_form(frames, counted=probes > 0), rel=0.02 if probes == 0 else 0.1)
     assert not choice.at_edge
-    assert choice.fraction == pytest.approx(choice.tau / tau_max(window(), frames, prior=L1(basis=BASIS)))
+    assert choice.fraction == pytest.approx(choice.tau / tau_max(window(), frames, Given(prior=L1(basis=BASIS))))
 
 
 def test_without_probes_the_answer_leaves_what_the_noise_is():
     frames = picture()
-    choice = Discrepancy(path=FINE, probes=0).choose(window(), frames, prior=L1(basis=BASIS), noise=np.array(SIGMA**2))
+    choice = Discrepancy(path=FINE, probes=0).choose(window(), frames, Given(prior=L1(basis=BASIS), noise=np.array(SIGMA**2)))
     solution = reconstruct(window(), frames, prior=L1(basis=BASIS), tau=choice.tau)
     assert np.mean((np.moveaxis(frames[0], 0, 2) - solution.cube) ** 2) == pytest.approx(SIGMA**2, rel=0.01)
 
 
 def test_counting_the_degrees_of_freedom_smooths_less():
     frames = picture()
-    taus = [Discrepancy(path=FINE, probes=n).choose(window(), frames, prior=L1(basis=BASIS), noise=np.array(SIGMA**2)).tau for n in (0, 4)]
+    taus = [
+        Discrepancy(path=FINE, probes=n).choose(window(), frames, Given(prior=L1(basis=BASIS), noise=np.array(SIGMA**2))).tau
+        for n in (0, 4)
+    ]
     assert taus[1] < 0.9 * taus[0]
 
 
@@ -65,7 +68,7 @@ def test_unequal_noise_is_weighed():
     variance[..., ::2] *= 9
     rng = np.random.Generator(np.random.Philox(5))
     frames = picture(0.0) + np.sqrt(variance) * rng.standard_normal(variance.shape)
-    choice = Discrepancy(path=FINE, probes=0).choose(window(), frames, prior=L1(basis=BASIS), noise=variance)
+    choice = Discrepancy(path=FINE, probes=0).choose(window(), frames, Given(prior=L1(basis=BASIS), noise=variance))
     solution = reconstruct(window(), frames, prior=L1(basis=BASIS), tau=choice.tau, noise=variance)
     assert np.mean((frames[0, 0] - solution.cube[..., 0]) ** 2 / variance) == pytest.approx(1, rel=0.01)
 
@@ -73,8 +76,8 @@ def test_unequal_noise_is_weighed():
 @pytest.mark.parametrize("scale", [1e-12, 1e20])
 def test_X8_the_choice_does_not_depend_on_the_unit(scale):
     frames, variance = picture(), np.full((1, 1, SIDE, SIDE), SIGMA**2)
-    plain = Discrepancy().choose(window(), frames, prior=L1(basis=BASIS), noise=variance)
-    scaled = Discrepancy().choose(window(), scale * frames, prior=L1(basis=BASIS), noise=scale**2 * variance)
+    plain = Discrepancy().choose(window(), frames, Given(prior=L1(basis=BASIS), noise=variance))
+    scaled = Discrepancy().choose(window(), scale * frames, Given(prior=L1(basis=BASIS), noise=scale**2 * variance))
     assert scaled.tau == pytest.approx(scale * plain.tau, rel=1e-3)
     assert scaled.errors == pytest.approx(plain.errors, rel=1e-3)
 
@@ -84,14 +87,14 @@ def test_measurements_of_infinite_variance_do_not_count():
     variance[..., 5:9] = np.inf
     spoiled = frames.copy()
     spoiled[..., 5:9] = 3.0
-    taus = [Discrepancy().choose(window(), f, prior=L1(basis=BASIS), noise=variance).tau for f in (frames, spoiled)]
+    taus = [Discrepancy().choose(window(), f, Given(prior=L1(basis=BASIS), noise=variance)).tau for f in (frames, spoiled)]
     assert taus[0] == pytest.approx(taus[1], rel=1e-3)
 
 
 def test_a_noise_that_the_path_does_not_reach_is_flagged():
     frames = picture()
     short = TauPath(fractions=(0.3, 0.2))
-    low, high = (Discrepancy(path=short).choose(window(), frames, noise=np.array(v)) for v in (1e-8, 1e2))
+    low, high = (Discrepancy(path=short).choose(window(), frames, Given(noise=np.array(v))) for v in (1e-8, 1e2))
     assert low.at_edge
     assert low.fraction == 0.2
     assert "variances are wrong" in low.reason
@@ -104,19 +107,19 @@ def test_a_rule_for_known_noise_asks_for_it():
     with pytest.raises(InputError, match="noise"):
         Discrepancy().choose(window(), picture())
     with pytest.raises(InputError, match="noise"):
-        Discrepancy().choose(window(), picture(), noise=np.array(-1.0))
+        Discrepancy().choose(window(), picture(), Given(noise=np.array(-1.0)))
     with pytest.raises(InputError, match="probes"):
         Discrepancy(probes=-1)
 
 
 def test_X5_dark_frames_need_no_tau():
-    assert Discrepancy().choose(window(), np.zeros((1, 1, SIDE, SIDE)), noise=np.array(1.0)).tau == 0
+    assert Discrepancy().choose(window(), np.zeros((1, 1, SIDE, SIDE)), Given(noise=np.array(1.0))).tau == 0
 
 
 def test_a_rule_serves_reconstruct():
     frames = picture()
     solution = reconstruct(window(), frames, prior=L1(basis=BASIS), solver=Admm(), tau=Discrepancy(), noise=np.array(SIGMA**2))
-    assert solution.tau == pytest.approx(Discrepancy().choose(window(), frames, prior=L1(basis=BASIS), noise=np.array(SIGMA**2)).tau)
+    assert solution.tau == pytest.approx(Discrepancy().choose(window(), frames, Given(prior=L1(basis=BASIS), noise=np.array(SIGMA**2))).tau)
     assert any("noise should leave" in note for note in solution.notes)
 
 
@@ -136,7 +139,7 @@ def test_frames_of_any_shape_have_pixels_to_hold_out(shape):
 
     frames = Plain().forward(rng.standard_normal((4, 4, 2)))
     assert AutoTau(share=0.2).choose(Plain(), frames).tau > 0
-    choice = Discrepancy().choose(Plain(), frames + 0.01 * rng.standard_normal(shape), noise=np.full(shape, 1e-4))
+    choice = Discrepancy().choose(Plain(), frames + 0.01 * rng.standard_normal(shape), Given(noise=np.full(shape, 1e-4)))
     assert choice.tau > 0
 
 

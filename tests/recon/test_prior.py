@@ -6,7 +6,7 @@ from scipy.optimize import linprog, minimize, nnls
 
 from recon import L1, Admm, BasisPursuit, Fista, Gpsr, GroupL1, InputError, Kronecker, reconstruct
 from recon.nonnegative import NonNegative
-from recon.tau import AutoTau, TauFraction, TauPath, tau_max
+from recon.tau import AutoTau, Given, TauFraction, TauPath, tau_max
 
 SHAPE = (8, 8, 4)
 BASIS = Kronecker(wavelet="db2", level=2)
@@ -136,7 +136,7 @@ def test_solves_meet_the_optimality_conditions_of_their_prior(name, solver, came
 def test_X4_zero_is_the_answer_from_tau_max_on_and_not_below(name, camera_of, cube_of):
     camera = camera_of("bayer", 2, 8, 4)
     frames = camera.forward(cube_of(8, 4))
-    top = tau_max(camera, frames, prior=PRIORS[name])
+    top = tau_max(camera, frames, Given(prior=PRIORS[name]))
     above = reconstruct(camera, frames, prior=PRIORS[name], tau=top * (1 + 1e-9))
     assert not above.cube.any()
     assert above.iterations == 0

@@ -64,7 +64,7 @@ def test_automatic_tau_costs_under_three_tenths_of_a_decibel_against_the_oracle_
 def test_more_noise_asks_for_a_larger_tau():
     operator = camera("mono", shots=3)
     rule = AutoTau(path=TauPath(fractions=(1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4), solver=SOLVER))
-    chosen = [rule.choose(operator, measured(operator, noise), prior=L1(basis=BASIS)).fraction for noise in (0.01, 0.1, 0.3)]
+    chosen = [rule.choose(operator, measured(operator, noise), Given(prior=L1(basis=BASIS))).fraction for noise in (0.01, 0.1, 0.3)]
     assert chosen == sorted(chosen)
     assert chosen[0] < chosen[1]
 
@@ -73,7 +73,7 @@ def test_held_out_error_equals_that_of_a_solve_which_never_saw_the_pixels():
     operator = camera("foveon", dtype=np.float64)
     frames = measured(operator, 0.01)
     rule = AutoTau(path=TauPath(fractions=(1e-2,), solver=Gpsr(tolerance=1e-9)), share=0.1, seed=4)
-    choice = rule.choose(operator, frames, prior=L1(basis=BASIS))
+    choice = rule.choose(operator, frames, Given(prior=L1(basis=BASIS)))
     held = rule.held_out(operator.out_shape)
     spoiled = frames.copy()
     spoiled[:, :, held] = 7 * frames.max()
@@ -116,7 +116,7 @@ def test_the_choice_at_an_end_of_the_path_is_flagged():
     operator = camera("bayer")
     frames = measured(operator, 0.05)
     for fractions, edge in (((1e-1, 1e-2, 1e-3, 1e-4, 1e-5), False), ((1e-5, 1e-6), True), ((0.9, 0.8), True)):
-        choice = AutoTau(path=TauPath(fractions=fractions)).choose(operator, frames, prior=L1(basis=BASIS))
+        choice = AutoTau(path=TauPath(fractions=fractions)).choose(operator, frames, Given(prior=L1(basis=BASIS)))
         assert choice.at_edge == edge
         assert ("better still" in choice.reason) == edge
 
@@ -126,7 +126,7 @@ def test_any_solver_of_the_objective_may_walk_the_path(solver):
     operator = camera("foveon")
     frames = measured(operator, 0.02)
     rules = [AutoTau(path=TauPath(fractions=(1e-1, 1e-2, 1e-3), solver=s)) for s in (SOLVER, solver)]
-    one, other = (rule.choose(operator, frames, prior=L1(basis=BASIS)) for rule in rules)
+    one, other = (rule.choose(operator, frames, Given(prior=L1(basis=BASIS))) for rule in rules)
     assert other.errors == pytest.approx(one.errors, rel=0.05)
 
 
@@ -145,11 +145,11 @@ def test_X8_the_automatic_choice_does_not_depend_on_the_unit(scale):
     operator = camera("bayer")
     frames = measured(operator, 0.02)
     rule = AutoTau(path=TauPath(fractions=FRACTIONS))
-    plain, scaled = (rule.choose(operator, f, prior=L1(basis=BASIS)) for f in (frames, frames * scale))
+    plain, scaled = (rule.choose(operator, f, Given(prior=L1(basis=BASIS))) for f in (frames, frames * scale))
     assert scaled.fraction == plain.fraction
     assert scaled.tau == pytest.approx(plain.tau * scale, rel=1e-5)
     assert scaled.errors == pytest.approx(plain.errors, rel=1e-3)
-    brighter = rule.choose(operator.replace(response=operator.response * scale), frames, prior=L1(basis=BASIS))
+    brighter = rule.choose(operator.replace(response=operator.response * scale), frames, Given(prior=L1(basis=BASIS)))
     assert brighter.fraction == plain.fraction
     assert brighter.tau == pytest.approx(plain.tau * scale, rel=1e-5)
 
@@ -158,7 +158,7 @@ def test_the_choice_is_the_same_for_any_number_of_threads():
     operator = camera("mono", shots=2)
     frames = measured(operator, 0.02)
     rule = AutoTau(path=TauPath(fractions=FRACTIONS, solver=SOLVER))
-    one, two = (rule.choose(operator, frames, prior=L1(basis=BASIS), threads=n) for n in (1, 2))
+    one, two = (rule.choose(operator, frames, Given(prior=L1(basis=BASIS), threads=n)) for n in (1, 2))
     assert one.errors == two.errors
     assert one.start.tobytes() == two.start.tobytes()
 
@@ -167,8 +167,8 @@ def test_a_fraction_resolves_to_that_part_of_twice_the_largest_correlation():
     operator = camera("foveon", dtype=np.float64)
     frames = measured(operator, 0)
     expected = 2 * np.abs(BASIS.analysis(operator.adjoint(frames))).max()
-    assert tau_max(operator, frames, prior=L1(basis=BASIS)) == pytest.approx(expected, rel=1e-12)
-    choice = TauFraction(fraction=0.25).choose(operator, frames, prior=L1(basis=BASIS))
+    assert tau_max(operator, frames, Given(prior=L1(basis=BASIS))) == pytest.approx(expected, rel=1e-12)
+    choice = TauFraction(fraction=0.25).choose(operator, frames, Given(prior=L1(basis=BASIS)))
     assert choice.tau == pytest.approx(expected / 4, rel=1e-12)
     assert reconstruct(operator, frames, prior=L1(basis=BASIS), tau=choice.tau, solver=Gpsr()).tau_max == pytest.approx(expected, rel=1e-12)
 

@@ -168,7 +168,7 @@ class KnownNoise:
     def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
         """Choose and solve."""
         from recon import Admm, reconstruct
-        from recon.tau import Discrepancy, TauPath
+        from recon.tau import Discrepancy, Given, TauPath
 
         assert taken.variance is not None
         noise = taken.variance if self.weighted else np.asarray(taken.variance.mean())
@@ -176,7 +176,7 @@ class KnownNoise:
         tick()
         fractions = QUALITY_FRACTIONS if self.quality else NOISY_FRACTIONS
         rule = Discrepancy(path=TauPath(fractions=fractions, solver=Admm(max_iterations=PATH_ITERATIONS)))
-        choice = rule.choose(taken.operator, taken.signal, prior=prior, noise=noise, threads=1)
+        choice = rule.choose(taken.operator, taken.signal, Given(prior, noise, threads=1))
         more = {"prior": prior, "noise": noise, "start": choice.start, "threads": 1, "on_iteration": tick}
         solution = reconstruct(taken.operator, taken.signal, solver=Admm(), tau=choice.tau, **more)
         return Inverted(solution.cube, solution.stop.converged, solution.iterations, choice.fraction, choice.at_edge)
