@@ -31,8 +31,9 @@ class ClaimsConfig(BaseModel):
         budget_e: levels at which all six light budgets are compared; one of them is ``noise_e``.
         noise_e: the level at which other factors under noise are changed.
         light_scenes: random scenes of the readings with noise, at most ``scenes``.
-        large: mirrors along each side for the base once more, on the targets; None: not run.
+        large: mirrors along each side for the base once more; None: not run.
         large_masks: how many there.
+        large_scenes: random scenes there, one mask each, at R = 1/8; at most ``scenes``.
         bench_masks: of the test bed's bricks, at least 2.
         bench_groups: colour shots there.
         bench_size: mirrors along each side of the test bed.
@@ -54,9 +55,10 @@ class ClaimsConfig(BaseModel):
     light_e: tuple[Electrons, ...] = Field((50, 160, 500, 1600, 5000, 16000, 50000), min_length=1)
     budget_e: tuple[Electrons, ...] = Field((50, 500, 5000, 50000), min_length=1)
     noise_e: Electrons = 5000
-    light_scenes: int = Field(6, ge=2, le=1000)
+    light_scenes: int = Field(12, ge=2, le=1000)
     large: int | None = Field(256, ge=32, le=1024)
     large_masks: int = Field(3, ge=2, le=100)
+    large_scenes: int = Field(10, ge=0, le=1000)
     bench_masks: int = Field(5, ge=2, le=100)
     bench_groups: tuple[Annotated[int, Field(ge=1, le=8)], ...] = Field((1, 4), min_length=1)
     bench_size: int = Field(128, ge=32, le=512)
@@ -65,7 +67,8 @@ class ClaimsConfig(BaseModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> ClaimsConfig:
-        for small, large in (("few_masks", "masks"), ("few_target_masks", "target_masks"), ("light_scenes", "scenes")):
+        within = (("few_masks", "masks"), ("few_target_masks", "target_masks"), ("light_scenes", "scenes"), ("large_scenes", "scenes"))
+        for small, large in within:
             if getattr(self, small) > getattr(self, large):
                 raise InputError(small, getattr(self, small), f"at most {large}, {getattr(self, large)}")
         if self.noise_e not in self.budget_e:
@@ -95,6 +98,7 @@ class ClaimsConfig(BaseModel):
             budget_e=(5000,),
             light_scenes=2,
             large=None,
+            large_scenes=0,
             bench_masks=3,
             bench_groups=(1,),
             bench_size=40,

@@ -124,7 +124,7 @@ def _large(config: ClaimsConfig) -> Iterator[Reading]:
         return
     for mono in MONOS:
         for data, groups in ((MATCHED, config.groups), (PHYSICAL, config.physical_groups)):
-            depth = Depth(0, 0, config.large_masks, groups, size=config.large)
+            depth = Depth(config.large_scenes, 1, config.large_masks, groups, size=config.large)
             yield Reading(mono, data, "", alike(base_recipe(data)), depth)
 
 
