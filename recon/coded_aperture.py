@@ -68,7 +68,7 @@ class CodedAperture:
         *,
         mosaic: np.ndarray | None = None,
         width: int | None = None,
-        dtype: Any = np.float64,
+        dtype: Any = np.float32,
         gray: bool = False,
         spectral: np.ndarray | None = None,
     ) -> None:

@@ -12,13 +12,11 @@ import numpy as np
 from recon import aperture_kernels, threads
 from recon.coded_aperture import CodedAperture, mosaic_tile, optics
 from recon.field_aperture import FieldAperture
-from recon.gram import known_gram
+from recon.gram import CUTOFF, FAINT, known_gram
 from recon.operator import LinearOperator, RowWeighted, norm_squared
 from recon.operator_step import ConjugateStep, DataStep, OperatorStep, Sums
 from recon.reduce import EXACT, alike, merge_repeats, reduced, unweighted, whiten
 
-CUTOFF = 1e-6  # eigenvalues of a block below this part of its largest count as 0 when rho = 0
-FAINT = 1e-12  # and below this part of the largest of all blocks
 COUPLED = 1e-3  # of H H^T's largest diagonal entry: what stands for rho = 0 where rows couple and only iterations solve
 FORCING = 0.03  # a step by iterations lowers the residual that it meets to this part; the splitting goes on converging
 ROWS_AT_ONCE = 16

@@ -41,7 +41,7 @@ class FieldAperture:
         mosaic: np.ndarray | None = None,
         readout: Readout | None = None,
         width: int | None = None,
-        dtype: Any = np.float64,
+        dtype: Any = np.float32,
     ) -> None:
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         if self.dtype not in (np.dtype(np.float32), np.dtype(np.float64)):

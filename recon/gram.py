@@ -9,7 +9,8 @@ from recon.errors import InputError
 from recon.operator import LinearOperator
 
 CUTOFF = 1e-6  # of a block's largest eigenvalue: below it an eigenvalue counts as 0 when rho = 0
-REGULAR = 1e-11  # of the largest diagonal entry: what a band gets added when rho = 0
+FAINT = 1e-12  # and below this part of the largest of all blocks
+REGULAR = {"float32": 1e-6, "float64": 1e-11}  # of a band's largest diagonal entry: what is added when rho = 0
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class BlockInverse:
     def __init__(self, gram: GramBlocks, rho: float) -> None:
         value, vector = np.linalg.eigh(gram.matrix)
         top = value[:, -1:]
-        kept = value + rho > (0 if rho > 0 else np.maximum(CUTOFF * top, 1e-12 * top.max(initial=0)))
+        kept = value + rho > (0 if rho > 0 else np.maximum(CUTOFF * top, FAINT * top.max(initial=0)))
         weight = np.divide(1.0, value + rho, out=np.zeros_like(value), where=kept)
         dropped = int((~kept & (value > 1e-12 * top)).sum()) if rho == 0 else 0
         least = np.where(kept, value + rho, np.inf).min(1)
@@ -112,7 +113,7 @@ class BandInverse:
 
         self.notes: tuple[str, ...] = ()
         self._index = gram.index
-        add = rho if rho > 0 else REGULAR * float(gram.bands[:, :, 0].max())
+        add = rho if rho > 0 else REGULAR["float64"] * float(gram.bands[:, :, 0].max())
         self._factors = []
         for band in gram.bands:
             lower = np.zeros((band.shape[1], band.shape[0]))

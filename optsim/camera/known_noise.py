@@ -29,5 +29,18 @@ def noise_variance(frames: xr.Dataset) -> np.ndarray | None:
         return None
     gain = float(attrs["gain"])
     dark_e = float(attrs["dark_e_per_s"]) * float(attrs.get("exposure_s", 0.0))
-    floor = gain**2 * (float(attrs["read_noise_e"]) ** 2 + dark_e) + 1 / 12
-    return np.asarray(np.maximum(gain * signal_of(frames) + floor, floor / 2))
+    return variance_of(signal_of(frames), gain, float(attrs["read_noise_e"]) ** 2 + dark_e)
+
+
+def variance_of(signal_dn: np.ndarray, gain: float, dark_e2: float) -> np.ndarray:
+    """Return the variance in DN^2 of measurements without their dark level.
+
+    Unbiased but for the floor, half of a dark pixel's variance.
+
+    Args:
+        signal_dn: any shape.
+        gain: DN per electron.
+        dark_e2: variance of a pixel without light before rounding, in squared electrons.
+    """
+    dark = gain**2 * dark_e2 + 1 / 12
+    return np.asarray(np.maximum(gain * signal_dn + dark, dark / 2))

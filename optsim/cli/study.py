@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import cyclopts
 from cyclopts import Parameter
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 Quick = Annotated[bool, Parameter(help="Small pictures, few scenes: minutes.", negative="")]
 Out = Annotated[Path | None, Parameter(help="Folder for the page, figures and numbers; the same command goes on where it was stopped.")]
 Seed = Annotated[int, Parameter(help="0 to 4294967295; the same seed gives the same numbers.")]
+
+Found = TypeVar("Found", "Claims", "Experiment")
 
 app = cyclopts.App(name="study", help_format="markdown", version=__version__)
 
@@ -37,12 +40,7 @@ def paper_claims(*, quick: Quick = False, out: Out = None, seed: Seed = 0, json:
 
     config = ClaimsConfig.quick(seed) if quick else ClaimsConfig(seed=seed)
     folder = out or Path("optsim-claims-quick" if quick else "optsim-claims")
-    found = run_claims(config, folder, _command("paper-claims", quick, seed))
-    if json:
-        print_json(found.as_dict())
-    else:
-        _tell_claims(found)
-    print(f"done in {found.seconds:.0f} s: {found.page}", file=sys.stderr)
+    _tell(run_claims(config, folder, _command("paper-claims", quick, seed)), _tell_claims, json)
 
 
 @app.command(name="experiment")
@@ -58,16 +56,20 @@ def experiment(*, quick: Quick = False, out: Out = None, seed: Seed = 0, json: J
 
     config = ExperimentConfig.quick(seed) if quick else ExperimentConfig(seed=seed)
     folder = out or Path("optsim-experiment-quick" if quick else "optsim-experiment")
-    found = run_experiment(config, folder, _command("experiment", quick, seed))
-    if json:
-        print_json(found.as_dict())
-    else:
-        _tell_experiment(found)
-    print(f"done in {found.seconds:.0f} s: {found.page}", file=sys.stderr)
+    _tell(run_experiment(config, folder, _command("experiment", quick, seed)), _tell_experiment, json)
 
 
 def _command(name: str, quick: bool, seed: int) -> str:
     return " ".join(["optsim study", name, *["--quick"] * quick, "--seed", str(seed)])
+
+
+def _tell(found: Found, in_words: Callable[[Found], None], json: bool) -> None:
+    """Print what a study found, as JSON or in words, and where its page lies."""
+    if json:
+        print_json(found.as_dict())
+    else:
+        in_words(found)
+    print(f"done in {found.seconds:.0f} s: {found.page}", file=sys.stderr)
 
 
 def _tell_claims(found: Claims) -> None:

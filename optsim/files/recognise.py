@@ -9,7 +9,6 @@ from optsim.files.guard import regular_file
 from optsim.files.reader import Source
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
-MATLAB_7_3 = b"MATLAB 7.3"
 FIRST_BYTES = 520
 MAGIC = (
     (b"\x93NUMPY", "npy", "NumPy (.npy)"),

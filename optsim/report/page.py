@@ -5,12 +5,12 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 
 from optsim.report.chart import psnr_chart
 from optsim.report.claims import RULE, make_claims
 from optsim.report.data import Row, RunData
+from optsim.report.document import document, links_to
 from optsim.report.finding import EARLY, Finding
 from optsim.report.gallery import Gallery
 from optsim.report.html import Child, Markup, section, table, tag
@@ -47,28 +47,7 @@ def render_page(run: RunData, drawn: Sequence[Drawn]) -> str:
         section("model", titles["model"], modelled(run)),
         section("provenance", titles["provenance"], provenance(run)),
     )
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag(
-            "meta",
-            http_equiv="Content-Security-Policy",
-            content="default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'",
-        ),
-        tag("title", f"optsim: {', '.join(run.targets) or 'empty run'}"),
-        tag("style", Markup(asset("page.css"))),
-    )
-    extras = Markup(
-        '<div id="tip" role="status" hidden></div><dialog id="zoom" aria-label="Picture at full size"><img src="data:," alt=""></dialog>'
-    )
-    body = tag("body", lead(run), main, foot(run), extras, tag("script", Markup(asset("page.js"))))
-    return f"<!doctype html>\n{tag('html', head, body, lang='en')}\n"
-
-
-def asset(name: str) -> str:
-    """Return a text file of this package."""
-    return resources.files("optsim.report").joinpath(name).read_text("utf-8")
+    return document(f"optsim: {', '.join(run.targets) or 'empty run'}", lead(run), main, foot(run))
 
 
 def lead(run: RunData) -> Markup:
@@ -77,7 +56,6 @@ def lead(run: RunData) -> Markup:
     sizes = {truth.radiance.shape for truth in run.truths.values()}
     what = ", ".join(" × ".join(map(str, shape)) for shape in sorted(sizes))
     kicker = f"optsim {run.summary.get('version', '')} · coded-aperture snapshot spectral imaging · {what}".rstrip(" ·")
-    links = tag("nav", [tag("a", title, href=f"#{ident}") for ident, title in SECTIONS], aria_label="Sections")
     cards = [tag("li", tag("b", text.split(":")[0]), text.split(":", 1)[1].strip()) for text in verdict.readings]
     return tag(
         "header",
@@ -90,7 +68,7 @@ def lead(run: RunData) -> Markup:
             tag("p", verdict.tau, class_="basis") if verdict.tau else None,
             tag("ul", [tag("li", note) for note in run.notes], class_="notes") if run.notes else None,
             psnr_chart(run, main_recipe(run)),
-            links,
+            links_to(SECTIONS),
         ),
     )
 

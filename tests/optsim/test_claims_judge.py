@@ -3,6 +3,7 @@
 import json
 import math
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,6 +78,13 @@ def test_a_claim_that_hangs_on_the_masks_says_so(judged):
     assert by_id["target2-harder"].verdict is Verdict.HOLDS
     assert by_id["more-shots"].verdict is Verdict.HOLDS
     assert len(by_id) == len(CLAIMS)
+
+
+def test_a_condition_that_one_reading_meets_is_not_named(judged):
+    mine = [row for row in judged if row.claim.ident == "bench-foveon-mono"]
+    for few, words in ((1, "under single readings"), (len(mine), "its sign under every reading")):
+        alone = [replace(row, verdict=Verdict.ONLY_IF if i < few else Verdict.DOES_NOT) for i, row in enumerate(mine)]
+        assert overall(alone)[0].words.startswith(words)
 
 
 def test_equal_sensors_make_no_claim_of_a_gap_hold():

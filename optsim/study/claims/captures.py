@@ -24,6 +24,7 @@ from optsim.camera import (
     physical_model,
     signal_of,
 )
+from optsim.camera.known_noise import variance_of
 from optsim.camera.noise import expose
 from optsim.report.data import Series
 from optsim.study.assumptions import Calibrated
@@ -225,8 +226,7 @@ class Lit:
         noise = Noise(read_noise_e=READ_NOISE_E, bits=BITS, offset_dn=OFFSET_DN)
         seen = expose(mean * scale, noise, full_well_e=FULL_WELL_E, exposure_s=0.0, seed=seed)
         signal = seen.dn - seen.dark_dn
-        read = (seen.gain * READ_NOISE_E) ** 2 + 1 / 12
-        variance = np.maximum(seen.gain * signal + read, read / 2)  # unbiased: the floor lies five sigma below a dark pixel
+        variance = variance_of(signal, seen.gain, READ_NOISE_E**2)
         return Taken(model.scaled(scale * seen.gain).operator(np.float32), signal, variance)
 
     def _mono(self, world: World, seed: int) -> np.ndarray:

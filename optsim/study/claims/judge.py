@@ -20,6 +20,8 @@ LEVEL = 0.05
 
 CLEAR = 0.7
 """A condition is named when so large a part of the readings that meet it hold, and at most the rest of the others."""
+FEWEST = 3
+"""Readings that must meet a condition, and that must miss it, before it is named: fewer show nothing but themselves."""
 
 
 class Verdict(Enum):
@@ -179,12 +181,14 @@ def _condition(rows: Sequence[Judged], good: Sequence[bool]) -> str:
     def agreement(trait: Mapping[str, Any]) -> float:
         return sum(inside(row, trait) == g for row, g in zip(rows, good)) / len(rows)
 
-    words, trait = max(traits, key=lambda t: agreement(t[1]))
-    held = sum(g for row, g in zip(rows, good) if inside(row, trait))
-    total = sum(inside(row, trait) for row in rows)
-    others, rest = sum(good) - held, len(rows) - total
-    if held and agreement(trait) == 1:
-        return words
-    if held and held >= CLEAR * total and others <= (1 - CLEAR) * rest:
-        return f"{words}: {held} of {total} such readings, {others} of the {rest} others"
+    shown = [t for t in traits if FEWEST <= sum(inside(row, t[1]) for row in rows) <= len(rows) - FEWEST]
+    if shown:
+        words, trait = max(shown, key=lambda t: agreement(t[1]))
+        held = sum(g for row, g in zip(rows, good) if inside(row, trait))
+        total = sum(inside(row, trait) for row in rows)
+        others, rest = sum(good) - held, len(rows) - total
+        if agreement(trait) == 1:
+            return words
+        if held >= CLEAR * total and others <= (1 - CLEAR) * rest:
+            return f"{words}: {held} of {total} such readings, {others} of the {rest} others"
     return "under single readings, see the table"

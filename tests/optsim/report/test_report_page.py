@@ -10,10 +10,11 @@ import pytest
 
 from optsim.report import write_report
 from optsim.report.data import RunData
+from optsim.report.document import asset
 from optsim.report.figures import builders
 from optsim.report.gallery import Gallery
 from optsim.report.html import Markup, tag
-from optsim.report.page import COLUMNS, asset, render_page
+from optsim.report.page import COLUMNS, render_page
 from optsim.report.page_origin import stop_reasons
 from optsim.report.style import styled
 
