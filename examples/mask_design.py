@@ -72,7 +72,7 @@ print(f"{size} x {size} mirrors, {shots} shots, {bands.count} bands; tau = {tau_
 results = np.zeros((len(seeds), len(held_out), 3, 2))  # seed, scene, (Bernoulli, balanced, designed), (noise-free, noisy)
 for i, seed in enumerate(seeds):
     random, start = bernoulli(seed), balanced(seed)
-    objective = ExpectedError(physical_model(camera, sensor, bands, start).operator(), prior)
+    objective = ExpectedError(physical_model(camera, sensor, bands, start).operator(np.float64), prior)
     found = design.run(objective, start, seed)
     for j, name in enumerate(held_out):
         results[i, j] = [scores(masks, name, seed) for masks in (random, start, found.masks)]

@@ -108,7 +108,7 @@ def _basis(problem: Problem) -> Basis:
     if problem.nonnegative:
         raise InputError("nonnegative", True, "False with Gpsr, whose unknowns are coefficients; take Admm or Fista")
     if not isinstance(problem.penalty, L1Penalty) or problem.penalty.weighted:
-        raise InputError("prior", type(problem.penalty).__name__, "L1 without weights with Gpsr; take Admm or Fista for other priors")
+        raise InputError("prior", problem.prior_name, "L1 without weights with Gpsr; take Admm or Fista for other priors")
     return problem.penalty.basis
 
 

@@ -40,6 +40,7 @@ class Problem:
         start: first guess of f' (M, N, K), or None for zero.
         tau: normalised weight of R; None for solvers without one.
         nonnegative: the penalty contains f >= 0.
+        prior_name: what the caller knows the penalty as.
     """
 
     operator: LinearOperator
@@ -51,6 +52,7 @@ class Problem:
     start: np.ndarray | None = None
     tau: float | None = None
     nonnegative: bool = False
+    prior_name: str = "L1"
 
     @property
     def weight(self) -> float:
@@ -143,9 +145,12 @@ def pose(
             ``start`` and ``noise`` likewise; ``operator`` for one that can't be used; what the prior refuses.
     """
     own = adapted(operator)
-    penalty = (L1() if prior is None else prior).bind(own.in_shape, own.dtype)
+    asked = L1() if prior is None else prior
+    penalty = asked.bind(own.in_shape, own.dtype)
     problem = prepare(own, frames, NonNegative(penalty) if nonnegative else penalty, start, noise)
-    return problem if problem is None or tau is None else replace(problem, tau=problem.inner_tau(tau))
+    if problem is None:
+        return None
+    return replace(problem, tau=None if tau is None else problem.inner_tau(tau), prior_name=type(asked).__name__)
 
 
 def prepare(

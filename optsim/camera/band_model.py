@@ -80,7 +80,7 @@ class BandModel:
     bins: tuple[int, ...] | None = None
     crosstalk: float = 0.0
 
-    def operator(self, dtype: Any = np.float64) -> CodedAperture | FieldAperture:
+    def operator(self, dtype: Any = np.float32) -> CodedAperture | FieldAperture:
         """Return H for cubes (M, N, K) and frames (L, C, M, W): the simple operator where it suffices."""
         from recon.coded_aperture import CodedAperture
         from recon.field_aperture import FieldAperture

@@ -19,7 +19,7 @@ from optsim.study.claims.bench import Bench
 from optsim.study.claims.captures import Taken
 from optsim.study.claims.methods import BENCH_FRACTIONS, BlindTau
 from optsim.study.claims.run import unit_seconds
-from optsim.study.claims.work import reference_pixels, signature
+from optsim.study.claims.work import compared, reference_pixels, signature
 from optsim.study.claims.worlds import BENCH, Cell, World
 from optsim.study.plan import BANDS, MONO_SHOTS_PER_GROUP
 from optsim.study.pool import Progress, run_all
@@ -247,26 +247,6 @@ def _solve(config: ExperimentConfig, shoot: Shoot, world: World, store: Store, t
     estimate = make_cube(np.ascontiguousarray(solved.cube, np.float32), world.bands)
     files = {f"frames/{shoot.name}.nc": frames, f"estimates/{shoot.name}.nc": estimate}
     return store.keep(f"estimates/{shoot.name}", _key(config, shoot), row, files)
-
-
-def compared(cube: np.ndarray, truth: np.ndarray, place: tuple[int, int]) -> dict[str, float]:
-    """Compare the signature of a point with the true one.
-
-    Returns:
-        ``error``: rms of the difference over the true rms. ``background`` and ``gain``: of the line
-        seen = background mean(true) + gain true that fits best over the bands; a faithful signature has 0 and 1.
-        ``angle_deg``: between the two spectra.
-    """
-    seen, true = signature(cube, place), signature(truth, place)
-    design = np.stack([np.full_like(true, true.mean()), true], axis=1)
-    background, gain = np.linalg.lstsq(design, seen, rcond=None)[0]
-    cosine = float(seen @ true / (np.linalg.norm(seen) * np.linalg.norm(true)))
-    return {
-        "error": float(np.sqrt(np.mean((seen - true) ** 2) / np.mean(true**2))),
-        "background": float(background),
-        "gain": float(gain),
-        "angle_deg": float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))),
-    }
 
 
 def _signatures(config: ExperimentConfig, shoots: list[Shoot], truth: xr.Dataset, store: Store) -> dict[str, dict[str, list[float]]]:

@@ -41,7 +41,7 @@ def share_of_pixels(cam, mirror, size, band, width, rays=2**16):
 def image_of(model, mirror, band):
     cube = np.zeros((*model.masks.shape[1:], BANDS.count))
     cube[(*mirror, band)] = 1
-    return model.operator().forward(cube)[0, 0] / model.response[0, band]
+    return model.operator(np.float64).forward(cube)[0, 0] / model.response[0, band]
 
 
 FACTS = {
@@ -87,10 +87,10 @@ def test_exact_h_of_the_ideal_camera_is_the_simple_operator_of_its_own_shifts():
     masks = np.ones((1, 12, 14))
     own, exact = (physical_model(CameraConfig().ideal(), Foveon.sigma(), BANDS, masks, k) for k in (OwnShifts(), Exact()))
     cube = np.random.default_rng(0).random((12, 14, BANDS.count))
-    assert isinstance(exact.operator(), CodedAperture)
+    assert isinstance(exact.operator(np.float64), CodedAperture)
     np.testing.assert_array_equal(own.response, exact.response)
-    seen = own.operator().forward(cube)
-    np.testing.assert_allclose(exact.operator().forward(cube), seen, atol=2e-3 * seen.max())
+    seen = own.operator(np.float64).forward(cube)
+    np.testing.assert_allclose(exact.operator(np.float64).forward(cube), seen, atol=2e-3 * seen.max())
 
 
 def test_exact_h_knows_leak_and_pixel_gains():
@@ -101,10 +101,10 @@ def test_exact_h_knows_leak_and_pixel_gains():
     assert exact.mirrors.max() == 1
     assert exact.gain.std() == pytest.approx(0.02, rel=0.2)
     cube = np.random.default_rng(0).random((10, 12, BANDS.count))
-    seen = exact.operator().forward(cube)
-    wrong = physical_model(cam, Mono(), BANDS, masks).operator().forward(cube)
+    seen = exact.operator(np.float64).forward(cube)
+    wrong = physical_model(cam, Mono(), BANDS, masks).operator(np.float64).forward(cube)
     assert np.abs(seen / wrong.max() - wrong / wrong.max()).max() > 0.01
-    assert adjoint_error(exact.operator()) < 1e-14
+    assert adjoint_error(exact.operator(np.float64)) < 1e-14
 
 
 def test_diffraction_spreads_light_over_rows_and_loses_none():
@@ -114,7 +114,7 @@ def test_diffraction_spreads_light_over_rows_and_loses_none():
     np.testing.assert_allclose(model.taps.sum((1, 2, 3, 4)), 1, rtol=1e-12)
     wide = physical_model(cam, Mono(), BANDS, np.ones((1, 40, 40)), Exact(error=0.01))
     assert wide.taps.shape[3] > model.taps.shape[3] > 1
-    assert adjoint_error(model.operator()) < 1e-14
+    assert adjoint_error(model.operator(np.float64)) < 1e-14
 
 
 def test_a_blur_over_a_varying_field_is_the_same_blur_moved():
@@ -221,7 +221,7 @@ def test_P5_mirrors_whose_light_the_prism_loses_have_weight_0_and_the_others_kee
 def test_single_mirrors_rows_and_columns_have_their_h(size):
     facts = camera(relay={"diffraction": True}, dmd={"rotation_deg": 2.0, "offset_y_px": 0.1})
     for knowledge in (OwnShifts(), Assumed(rotation_deg=3.0), Exact()):
-        h = physical_model(facts, Mono(), BANDS, np.ones((1, *size)), knowledge).operator()
+        h = physical_model(facts, Mono(), BANDS, np.ones((1, *size)), knowledge).operator(np.float64)
         cube = np.random.default_rng(0).random((*size, BANDS.count))
         assert np.isfinite(h.forward(cube)).all()
         assert h.forward(cube).max() > 0
@@ -229,7 +229,7 @@ def test_single_mirrors_rows_and_columns_have_their_h(size):
 
 def test_D2_closed_mirrors_of_a_camera_that_leaks_still_send_light():
     cam = camera(dmd={"leak": 0.001})
-    closed, opened = (physical_model(cam, Mono(), BANDS, np.full((1, 6, 7), v), Exact()).operator() for v in (0, 1))
+    closed, opened = (physical_model(cam, Mono(), BANDS, np.full((1, 6, 7), v), Exact()).operator(np.float64) for v in (0, 1))
     cube = np.random.default_rng(0).random((6, 7, BANDS.count))
     np.testing.assert_allclose(closed.forward(cube), 0.001 * opened.forward(cube), rtol=1e-12)
 
@@ -238,6 +238,6 @@ def test_D6_gray_masks_pass_only_when_allowed_and_scale_the_light():
     masks = np.full((1, 6, 7), 0.25)
     with pytest.raises(InputError, match="masks"):
         physical_model(camera(), Mono(), BANDS, masks)
-    gray, full = (physical_model(camera(), Mono(), BANDS, m, gray=True).operator() for m in (masks, np.ones((1, 6, 7))))
+    gray, full = (physical_model(camera(), Mono(), BANDS, m, gray=True).operator(np.float64) for m in (masks, np.ones((1, 6, 7))))
     cube = np.random.default_rng(0).random((6, 7, BANDS.count))
     np.testing.assert_allclose(gray.forward(cube), 0.25 * full.forward(cube), rtol=1e-13)

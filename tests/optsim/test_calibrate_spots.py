@@ -91,7 +91,7 @@ def test_a_calibrated_h_is_nearer_to_the_cameras_own_than_the_drawn_one():
     cube = np.random.default_rng(0).uniform(0, 1, (16, 16, 24))
 
     def frames(camera, knowledge):
-        return physical_model(camera, Mono(), bands, masks, knowledge).operator().forward(cube)[..., 4:16]
+        return physical_model(camera, Mono(), bands, masks, knowledge).operator(np.float64).forward(cube)[..., 4:16]
 
     true = frames(simulated.truth.camera, Exact())
     drawn, calibrated = (np.linalg.norm(frames(CAMERA, k) - true) for k in (None, found.knowledge))

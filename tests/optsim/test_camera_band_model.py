@@ -101,7 +101,7 @@ def test_D3_one_open_mirror_is_its_column_of_the_dense_h():
     cube = make_cube(np.ones((4, 5, 3)), bands)
     one = np.zeros((1, 4, 5))
     one[0, 2, 3] = 1
-    dense = matched_model(Bayer.nikon(), bands, np.ones((1, 4, 5))).operator().dense()
+    dense = matched_model(Bayer.nikon(), bands, np.ones((1, 4, 5))).operator(np.float64).dense()
     columns = [(k * 5 + 3) * 4 + 2 for k in range(3)]
     expected = dense[:, columns].sum(1).reshape(7, 4).T
     np.testing.assert_allclose(measure_matched(cube, Bayer.nikon(), one)["frames"].values[0, 0], expected, rtol=1e-14)
@@ -174,7 +174,7 @@ def test_P4_a_prism_without_dispersion_lays_every_band_on_its_own_mirrors_column
     model = physical_model(camera, Mono(), PAPER, np.ones((1, 3, 4)))
     assert model.width == 4
     cube = cube_of((3, 4), PAPER)
-    g = model.operator().forward(cube["radiance"].values)
+    g = model.operator(np.float64).forward(cube["radiance"].values)
     np.testing.assert_allclose(g[0, 0], (cube["radiance"].values * model.response[0]).sum(2), rtol=1e-9)
 
 
@@ -230,18 +230,18 @@ def test_a_strangers_copy_of_the_file_reconstructs_the_same_operator(tmp_path):
         with xr.open_dataset(tmp_path / "frames.nc", engine="h5netcdf") as file:
             again = file.load()
         check_frames(again)
-        forward = band_model_of(again).operator().forward(cube["radiance"].values)
+        forward = band_model_of(again).operator(np.float64).forward(cube["radiance"].values)
         np.testing.assert_allclose(forward, signal_of(frames), rtol=1e-14)
         unit = with_unit_shifts(again)
         check_frames(unit)
-        assert band_model_of(unit).operator().forward(cube["radiance"].values) == pytest.approx(forward)
+        assert band_model_of(unit).operator(np.float64).forward(cube["radiance"].values) == pytest.approx(forward)
 
 
 def test_noisy_matched_frames_come_back_in_the_cubes_units():
     cube = cube_of((40, 40), PAPER)
     masks = masks_for(Mono(), 3, Distinct(), (40, 40), 0)
     frames = measure_matched(cube, Mono(), masks, noise=Noise(bits=16, offset_dn=500.0, read_noise_e=5.0), seed=2)
-    mean = band_model_of(frames).operator().forward(cube["radiance"].values)
+    mean = band_model_of(frames).operator(np.float64).forward(cube["radiance"].values)
     gain = frames.attrs["gain"]
     assert mean.max() == pytest.approx(0.9 * 20_000 * gain, rel=1e-12)
     z = (signal_of(frames) - mean) / np.sqrt(gain * mean + (5 * gain) ** 2 + 1 / 12)
@@ -271,7 +271,9 @@ def _full_frames(sensor, seed=3):
     masks = masks_for(sensor, 2, Distinct(), (9, 8), seed)
     model = physical_model(camera, sensor, bands, masks, Exact())
     cube = np.random.default_rng(seed).random((9, 8, 3))
-    return make_frames(model.operator().forward(cube), model, {"units": "electron", "model": "physical", "masks": "distinct"}), cube
+    return make_frames(
+        model.operator(np.float64).forward(cube), model, {"units": "electron", "model": "physical", "masks": "distinct"}
+    ), cube
 
 
 @pytest.mark.parametrize("sensor", [Mono(), Bayer.nikon(), Quattro.physical()], ids=["mono", "bayer", "quattro"])
@@ -282,10 +284,10 @@ def test_a_file_of_the_full_h_gives_a_stranger_the_same_operator(tmp_path, senso
     assert {"first_row", "mirror", "pixel_gain"} < set(frames.data_vars)
     write(frames, tmp_path / "frames.nc")
     again = read(tmp_path / "frames.nc")
-    np.testing.assert_allclose(band_model_of(again).operator().forward(cube), frames["frames"].values, rtol=1e-14)
+    np.testing.assert_allclose(band_model_of(again).operator(np.float64).forward(cube), frames["frames"].values, rtol=1e-14)
     unit = band_model_of(with_unit_shifts(again))
     assert unit.mirrors is unit.gain is unit.first_row is None
-    assert unit.operator().forward(cube).shape == frames["frames"].shape
+    assert unit.operator(np.float64).forward(cube).shape == frames["frames"].shape
 
 
 def test_files_of_format_1_are_still_read():
@@ -293,4 +295,6 @@ def test_files_of_format_1_are_still_read():
     old = frames.assign_attrs(format="optsim-frames-1")
     del old.attrs["crosstalk"]
     cube = np.random.default_rng(0).random((4, 5, 24))
-    np.testing.assert_array_equal(band_model_of(old).operator().forward(cube), band_model_of(frames).operator().forward(cube))
+    np.testing.assert_array_equal(
+        band_model_of(old).operator(np.float64).forward(cube), band_model_of(frames).operator(np.float64).forward(cube)
+    )

@@ -192,7 +192,7 @@ def test_a_camera_with_unit_shifts_and_flat_bands_is_the_matched_model_times_its
                 weight = chi[mosaic[row, n + k]] if mosaic is not None else chi[: g.shape[1]]
                 g[:, :, row, n + k] += (masks[:, row, n] * float(coarse[row, n, k]))[:, None] * weight
     np.testing.assert_allclose(frames["frames"].values, g, rtol=2e-7, atol=1e-12 * g.max())
-    operator = band_model_of(frames).operator()
+    operator = band_model_of(frames).operator(np.float64)
     np.testing.assert_allclose(operator.forward(coarse.astype(float)), frames["frames"].values, rtol=1e-11, atol=1e-12 * g.max())
 
 
@@ -204,7 +204,7 @@ def test_the_photograph_converges_to_the_cameras_own_discrete_model_at_least_as_
     for parts in (10, 20, 40, 80):
         cube, coarse = band_cube((4, 40), bands, 2, parts)
         frames = photograph(cube, bands, camera, Mono(), masks, Exposure(time_s=1.0))
-        predicted = band_model_of(frames).operator().forward(coarse.astype(float))
+        predicted = band_model_of(frames).operator(np.float64).forward(coarse.astype(float))
         errors.append(np.linalg.norm(frames["frames"].values - predicted) / np.linalg.norm(predicted))
     assert errors == sorted(errors, reverse=True)
     assert max(error * parts**2 for error, parts in zip(errors, (10, 20, 40, 80))) < 0.04
@@ -216,7 +216,7 @@ def test_what_unit_shifts_hide_is_in_the_data_of_the_default_prism():
     frames = photograph(cube, PAPER, CameraConfig().ideal(), Mono(), masks)
     data = signal_of(frames)
     own, unit = (
-        np.linalg.norm(band_model_of(f).operator().forward(coarse.astype(float)) - data) / np.linalg.norm(data)
+        np.linalg.norm(band_model_of(f).operator(np.float64).forward(coarse.astype(float)) - data) / np.linalg.norm(data)
         for f in (frames, with_unit_shifts(frames))
     )
     assert own < 5e-3
@@ -327,7 +327,7 @@ def test_P13_a_folded_dispersion_conserves_energy_and_stays_finite():
     cube, coarse = band_cube((3, 9), bands, parts=40)
     frames = photograph(cube, bands, camera, Mono(), masks)
     assert abs(balance(frames.attrs)) < 1e-12
-    predicted = band_model_of(frames).operator().forward(coarse.astype(float))
+    predicted = band_model_of(frames).operator(np.float64).forward(coarse.astype(float))
     assert np.abs(predicted - frames["frames"].values).max() < 2e-3 * predicted.max()
 
 
@@ -543,7 +543,7 @@ def test_digital_numbers_minus_their_offset_are_h_times_the_cube():
     assert frames.attrs["units"] == "DN"
     assert frames.attrs["bits"] == 16
     model = band_model_of(frames)
-    mean = model.operator().forward(coarse.astype(float))
+    mean = model.operator(np.float64).forward(coarse.astype(float))
     gain = frames.attrs["gain"]
     sigma = np.sqrt(gain * mean + (3 * gain) ** 2 + 1 / 12)
     z = (signal_of(frames) - mean) / sigma

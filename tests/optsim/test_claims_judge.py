@@ -31,7 +31,8 @@ def row(task, level=None, noise=0.03):
     if task.cell.scene == TARGET_2:
         made["false_color"] = {"bayer": 20.0, "foveon": 8.0}.get(task.series.sensor, 12.0) * math.exp(0.01 * random.standard_normal())
     if task.cell.scene == BENCH:
-        made["signature_error"] = {"green chest": 10 ** (-bands.mean() / 20), "red helmet": 10 ** (-bands.mean() / 20)}
+        error = 10 ** (-bands.mean() / 20)
+        made["signatures"] = {p: {"error": error, "background": error / 2, "gain": 1.0} for p in ("green chest", "red helmet")}
     return made
 
 

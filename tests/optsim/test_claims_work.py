@@ -13,7 +13,7 @@ from optsim.study.claims.curves import PHOTONS, Curves
 from optsim.study.claims.methods import BlindTau, KnownNoise, OracleTau, Pursuit
 from optsim.study.claims.plan import Task
 from optsim.study.claims.readings import Recipe, base_recipe
-from optsim.study.claims.work import kept, reference_pixels, run_task, signature, signature_error
+from optsim.study.claims.work import kept, reference_pixels, run_task, signature
 from optsim.study.claims.worlds import BENCH, TARGET_1, TARGET_2, Cell
 from optsim.study.experiment import ExperimentConfig, compared, run_experiment
 from optsim.study.store import Store
@@ -89,15 +89,15 @@ def test_only_target_2_has_false_colour_and_only_the_test_bed_signatures(tmp_pat
         task = Task(Cell(scene, 1, 32), FOVEON, 1, Recipe(Matched(), Pursuit()))
         rows[scene] = run_task(CONFIG, task, Flat(scene), Store(tmp_path), no)
     assert ["false_color" in rows[s] for s in rows] == [False, True, False]
-    assert ["signature_error" in rows[s] for s in rows] == [False, False, True]
-    assert set(rows[BENCH]["signature_error"]) == {"green chest", "red helmet"}
+    assert ["signatures" in rows[s] for s in rows] == [False, False, True]
+    assert set(rows[BENCH]["signatures"]) == {"green chest", "red helmet"}
 
 
 def test_a_signature_is_the_mean_of_nine_pixels_and_its_error_is_relative():
     world = Flat(BENCH)
     place = (10, 12)
     assert signature(world.truth, place) == pytest.approx(world.truth[9:12, 11:14].reshape(9, 24).mean(0))
-    assert signature_error(1.25 * world.truth, world, place) == pytest.approx(0.25)
+    assert compared(1.25 * world.truth, world.truth, place)["error"] == pytest.approx(0.25)
 
 
 def test_background_and_gain_of_a_signature_are_those_that_were_put_in():

@@ -96,7 +96,7 @@ def test_D10_repeated_masks_add_light_but_no_rank():
     bands = Bands.from_edges([460, 500, 560, 610])
     ranks = []
     for rule, shots in ((Distinct(), 1), (Repeated(), 3), (Distinct(), 3)):
-        operator = matched_model(MONO, bands, masks_for(MONO, shots, rule, (5, 6), 1)).operator()
+        operator = matched_model(MONO, bands, masks_for(MONO, shots, rule, (5, 6), 1)).operator(np.float64)
         ranks.append(np.linalg.matrix_rank(operator.dense()))
         assert operator.repeated_shots() == (2 if isinstance(rule, Repeated) else 0)
     assert ranks[0] == ranks[1] < ranks[2]

@@ -84,7 +84,7 @@ def test_the_joined_file_of_a_real_camera_holds_the_H_that_the_real_colour_senso
     joined, real = join(real_exposures), photograph(scene(), BANDS, REAL, colour_sensor(kind), MASKS, KNOWING)
     np.testing.assert_allclose(joined["frames"].values, real["frames"].values, rtol=1e-9, atol=1e-6)
     cube = np.random.default_rng(0).uniform(0, 1, (*SIZE, BANDS.count))
-    ours, theirs = (band_model_of(f).operator().forward(cube) for f in (joined, real))
+    ours, theirs = (band_model_of(f).operator(np.float64).forward(cube) for f in (joined, real))
     np.testing.assert_allclose(ours, theirs, rtol=1e-12)
 
 

@@ -37,7 +37,7 @@ def lacking(camera, sensor, masks, knowledge, *, sub_pixels=3, coarse=None):
     """Return the rms of photograph() - H f over that of photograph(), for a random cube."""
     coarse = np.random.default_rng(0).random((*SIZE, BANDS.count)) if coarse is None else coarse
     frames = photograph(fine_cube(coarse), BANDS, camera, sensor, masks, Exposure(time_s=1.0, sub_pixels=sub_pixels))["frames"].values
-    h = physical_model(camera, sensor, BANDS, masks, knowledge).operator()
+    h = physical_model(camera, sensor, BANDS, masks, knowledge).operator(np.float64)
     return float(np.linalg.norm(frames - h.forward(coarse)) / np.linalg.norm(frames))
 
 
@@ -50,7 +50,7 @@ def test_columns_of_the_dense_h_are_photographs_of_one_mirror_in_one_band(sensor
     facts["sensor"] |= {"crosstalk": 0.03, "prnu": 0.03}
     camera = CameraConfig(**facts)
     masks = np.ones((1, *SIZE), np.uint8)
-    dense = physical_model(camera, sensor, BANDS, masks, Exact(error=1e-3)).operator().dense()
+    dense = physical_model(camera, sensor, BANDS, masks, Exact(error=1e-3)).operator(np.float64).dense()
     for band, mirror in ((1, (0, 0)), (3, (5, 6)), (5, (8, 11))):
         coarse = np.zeros((*SIZE, BANDS.count))
         coarse[(*mirror, band)] = 1
@@ -95,4 +95,4 @@ def test_each_fact_of_the_camera_is_in_exact_h(table):
 def test_exact_h_of_the_default_camera_has_an_exact_adjoint():
     for sensor in (Mono(), Bayer.nikon(), Quattro.physical()):
         masks = masks_for(sensor, 1, Distinct(), SIZE, 1)
-        assert adjoint_error(physical_model(CameraConfig(), sensor, BANDS, masks, Exact()).operator()) < 1e-14
+        assert adjoint_error(physical_model(CameraConfig(), sensor, BANDS, masks, Exact()).operator(np.float64)) < 1e-14

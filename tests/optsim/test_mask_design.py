@@ -17,7 +17,13 @@ def aperture(mosaic=False, channels=1, shots=2, rows=4, columns=4, bands=3):
     taps = rng.random((bands, 2))
     pattern = rng.integers(0, channels, (rows, columns + bands)) if mosaic else None
     return CodedAperture(
-        rng.random((shots, rows, columns)), rng.random((channels, bands)), np.arange(bands), taps, mosaic=pattern, gray=True
+        rng.random((shots, rows, columns)),
+        rng.random((channels, bands)),
+        np.arange(bands),
+        taps,
+        mosaic=pattern,
+        gray=True,
+        dtype=np.float64,
     )
 
 

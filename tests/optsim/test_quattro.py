@@ -45,7 +45,7 @@ def test_the_quattros_frames_are_the_foveons_with_the_lower_layers_summed_over_b
 def test_the_quattros_H_sums_the_same_blocks(scene):
     cube = np.random.default_rng(1).uniform(0, 1, (*SIZE, BANDS.count))
     quattro, foveon = (photograph(scene, BANDS, CAMERA, s, MASKS, Exposure(time_s=1.0)) for s in (SENSOR, FULL))
-    ours, full = (band_model_of(f).operator().forward(cube) for f in (quattro, foveon))
+    ours, full = (band_model_of(f).operator(np.float64).forward(cube) for f in (quattro, foveon))
     np.testing.assert_allclose(ours, bin_layers(full, (2, 2, 1)), rtol=1e-12)
 
 
@@ -61,5 +61,5 @@ def test_a_cube_is_found_from_the_quattros_matched_frames():
     level = np.random.default_rng(2).uniform(0.2, 1, (1, 1, BANDS.count))
     truth = np.broadcast_to(level, (8, 8, BANDS.count))
     frames = measure_matched(make_cube(truth.astype(np.float32), BANDS), SENSOR, masks_for(SENSOR, 8, Distinct(), (8, 8), 0))
-    found = reconstruct(band_model_of(frames).operator(), signal_of(frames), tau=1e-6, solver=Admm()).cube
+    found = reconstruct(band_model_of(frames).operator(np.float64), signal_of(frames), tau=1e-6, solver=Admm()).cube
     np.testing.assert_allclose(found, truth, atol=0.02)

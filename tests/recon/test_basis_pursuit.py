@@ -140,7 +140,7 @@ def test_odd_sides_one_band_and_more_bands_than_columns_are_solved():
     for rows, columns, bands in [(15, 13, 5), (16, 8, 24), (12, 20, 1), (1, 1, 3)]:
         masks = draw.integers(0, 2, (2, rows, columns))
         masks[0] |= 1 - masks[1]
-        operator = CodedAperture(masks, np.ones((1, bands)), np.arange(bands), np.ones((bands, 1)))
+        operator = CodedAperture(masks, np.ones((1, bands)), np.arange(bands), np.ones((bands, 1)), dtype=np.float64)
         truth = 1 + 0.1 * draw.random(operator.in_shape)
         solution = reconstruct(operator, operator.forward(truth))
         assert solution.residual < 1e-6

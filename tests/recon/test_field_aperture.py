@@ -95,8 +95,8 @@ def test_constant_taps_in_the_row_are_the_simple_operator():
     draw = np.random.Generator(np.random.Philox(0))
     masks, response = draw.integers(0, 2, (2, 7, 8)), draw.random((3, 5))
     first, taps = shift_taps(np.array([0.0, 0.7, 1.9, 3.25, 4.5]))
-    simple = CodedAperture(masks, response, first, taps)
-    field = FieldAperture(masks, response, Spread(np.zeros(5, int), first, taps[:, None, None, None, :]))
+    simple = CodedAperture(masks, response, first, taps, dtype=np.float64)
+    field = FieldAperture(masks, response, Spread(np.zeros(5, int), first, taps[:, None, None, None, :]), dtype=np.float64)
     cube, frames = draw.standard_normal(simple.in_shape), draw.standard_normal(simple.out_shape)
     assert field.out_shape == simple.out_shape
     np.testing.assert_allclose(field.forward(cube), simple.forward(cube), atol=1e-14)

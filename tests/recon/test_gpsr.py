@@ -107,7 +107,7 @@ def test_debiasing_with_more_coefficients_than_measurements_is_skipped_and_said(
 
 
 def test_X2_an_invertible_system_gives_the_truth():
-    operator = CodedAperture(np.ones((1, 8, 8)), np.ones((1, 1)), np.zeros(1, int), np.ones((1, 1)))
+    operator = CodedAperture(np.ones((1, 8, 8)), np.ones((1, 1)), np.zeros(1, int), np.ones((1, 1)), dtype=np.float64)
     truth = scene((8, 8, 1))
     solution = reconstruct(operator, operator.forward(truth), tau=0, solver=Gpsr(tolerance=1e-12))
     np.testing.assert_allclose(solution.cube, truth, atol=1e-8)
@@ -189,8 +189,10 @@ def test_X9_no_step_ever_raises_the_objective(basic):
 
 def test_X10_an_ill_conditioned_least_squares_problem_is_never_silent():
     response = np.array([[1.0, 1e-9]])
-    operator = CodedAperture(np.ones((1, 8, 8)), response, np.array([0, 0]), np.ones((2, 1)))
-    stacked = CodedAperture(np.ones((1, 8, 8)), np.array([[1.0, 1.0], [1.0, 1.0 + 1e-9]]), np.array([0, 0]), np.ones((2, 1)))
+    operator = CodedAperture(np.ones((1, 8, 8)), response, np.array([0, 0]), np.ones((2, 1)), dtype=np.float64)
+    stacked = CodedAperture(
+        np.ones((1, 8, 8)), np.array([[1.0, 1.0], [1.0, 1.0 + 1e-9]]), np.array([0, 0]), np.ones((2, 1)), dtype=np.float64
+    )
     frames = np.random.Generator(np.random.Philox(4)).uniform(0, 1, stacked.out_shape)
     solution = reconstruct(stacked, frames, tau=0, solver=Gpsr(tolerance=1e-14))
     assert not solution.stop.converged

@@ -79,7 +79,9 @@ def test_a_weighted_field_camera_has_the_dense_data_step(blur):
     masks = draw.integers(0, 2, (2, 7, 6)).astype(float)
     taps = draw.uniform(0.1, 1, (3, 1, 1, 3 if blur else 1, 2))
     spread = Spread(taps=taps, first_row=np.full((3, 1, 1), -1 if blur else 0), first_column=np.arange(3)[:, None, None])
-    operator = FieldAperture(masks, draw.uniform(0.2, 1, (3, 3)), spread, readout=Readout(gain=draw.uniform(0.5, 1, (7, 9))))
+    operator = FieldAperture(
+        masks, draw.uniform(0.2, 1, (3, 3)), spread, readout=Readout(gain=draw.uniform(0.5, 1, (7, 9))), dtype=np.float64
+    )
     d = draw.uniform(0.2, 2, operator.out_shape)
     d[:, :, 3, 3] = 0
     frames, cube = draw.standard_normal(operator.out_shape), draw.standard_normal(operator.in_shape)

@@ -47,7 +47,7 @@ def test_dense_matrix_equals_the_formula_entry_by_entry_on_6x5x4(sensor, shots, 
     width = 5 + 3 + taps.shape[1]
     mosaic = draw.integers(0, 3, (6, width)) if sensor == "bayer" else None
     response = draw.random((1 if sensor == "mono" else 3, 4))
-    operator = CodedAperture(draw.integers(0, 2, (shots, 6, 5)), response, first, taps, mosaic=mosaic, width=width)
+    operator = CodedAperture(draw.integers(0, 2, (shots, 6, 5)), response, first, taps, mosaic=mosaic, width=width, dtype=np.float64)
     dense = operator.dense()
     for voxel in range(dense.shape[1]):
         unit = np.zeros((4, 5, 6))
@@ -74,7 +74,7 @@ def cameras(draw: st.DrawFn) -> CodedAperture:
     masks[0, 0] = 1
     response = random.random((1 if sensor == "mono" else 3, bands)) + 0.01
     first[0] = 0  # at least one band lands on a sensor however small
-    return CodedAperture(masks, response, first, taps, mosaic=mosaic, width=width)
+    return CodedAperture(masks, response, first, taps, mosaic=mosaic, width=width, dtype=np.float64)
 
 
 @settings(max_examples=200, deadline=None)

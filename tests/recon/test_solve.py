@@ -54,7 +54,7 @@ def test_X2_an_invertible_tiny_system_returns_the_truth_as_dense_lstsq_does():
     draw = np.random.Generator(np.random.Philox(4))
     masks = np.stack([np.ones((4, 3)), draw.integers(0, 2, (4, 3)), 1 - np.eye(4, 3), np.eye(4, 3)])
     response = draw.random((3, 4)) + 0.1
-    operator = CodedAperture(masks, response, np.array([0, 1, 2, 3]), np.ones((4, 1)))
+    operator = CodedAperture(masks, response, np.array([0, 1, 2, 3]), np.ones((4, 1)), dtype=np.float64)
     truth = draw.random(operator.in_shape)
     frames = operator.forward(truth)
     dense = operator.dense()

@@ -114,6 +114,24 @@ def test_ctrl_c_says_what_stays_and_the_same_command_gives_the_same_bytes(finish
     assert estimates(tmp_path / "e") == estimates(folder)
 
 
+@pytest.mark.slow
+def test_ctrl_c_in_the_study_of_claims_keeps_its_solves(tmp_path):
+    words = [sys.executable, "-m", "optsim", "study", "paper-claims", "--quick", "--out", str(tmp_path)]
+    kept = {}
+    for enough in (1, 3):  # the second start goes on from the first
+        run = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+        while len(list((tmp_path / "solves").rglob("*.json"))) < enough and run.poll() is None:
+            time.sleep(0.05)
+        run.send_signal(signal.SIGINT)
+        _, said = run.communicate(timeout=60)
+        assert run.returncode == 130
+        assert "the same command goes on from there" in said
+        assert f"{len(kept)} of them finished before" in said
+        assert all(path.read_bytes() == record for path, record in kept.items())
+        kept = {path: path.read_bytes() for path in (tmp_path / "solves").rglob("*.json")}
+    assert len(kept) >= 3
+
+
 class Piece:
     def __init__(self, name):
         self.name, self.cost = name, 1.0

@@ -55,9 +55,9 @@ class ClaimsConfig(BaseModel):
     light_e: tuple[Electrons, ...] = Field((50, 160, 500, 1600, 5000, 16000, 50000), min_length=1)
     budget_e: tuple[Electrons, ...] = Field((50, 500, 5000, 50000), min_length=1)
     noise_e: Electrons = 5000
-    light_scenes: int = Field(12, ge=2, le=1000)
+    light_scenes: int = Field(10, ge=2, le=1000)
     large: int | None = Field(256, ge=32, le=1024)
-    large_masks: int = Field(3, ge=2, le=100)
+    large_masks: int = Field(5, ge=2, le=100)
     large_scenes: int = Field(10, ge=0, le=1000)
     bench_masks: int = Field(5, ge=2, le=100)
     bench_groups: tuple[Annotated[int, Field(ge=1, le=8)], ...] = Field((1, 4), min_length=1)

@@ -217,7 +217,7 @@ class Signature:
 
 def signature_db(row: Mapping[str, Any]) -> float:
     """Return how far the signatures' errors lie below the signatures, in dB, mean over the points."""
-    return float(np.mean([-20 * math.log10(error) for error in row["signature_error"].values()]))
+    return float(np.mean([-20 * math.log10(at["error"]) for at in row["signatures"].values()]))
 
 
 def _band(k: int) -> Callable[[Mapping[str, Any]], float]:

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 Tick = Callable[..., None]
 FRACTIONS = (3e-4, 6e-5, 1.3e-5, 3e-6)
 """Values of tau / tau_max for data without noise."""
+MATCHED_FRACTIONS = (*FRACTIONS, 6e-7, 1.3e-7)
+"""The same where data lie in the range of H: the less tau the better, most of all with a Foveon's layers."""
+INTERPOLATED_FRACTIONS = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4)
+"""The same for frames that were interpolated: what interpolation added is like noise."""
 NOISY_FRACTIONS = (2e-1, 4e-2, 8e-3, 1.6e-3, 3e-4, 6e-5, 1.2e-5)
 """The same for data with noise: tau is interpolated to where the misfit is the noise's."""
 BENCH_FRACTIONS = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
@@ -122,7 +126,7 @@ class BlindTau:
     @property
     def name(self) -> str:
         """Return its name."""
-        return f"eq4-blind-{self.fractions[0]:g}{'-quality' * self.quality}"
+        return f"eq4-blind-{_ends(self.fractions)}{'-quality' * self.quality}"
 
     @property
     def cost(self) -> float:
@@ -184,10 +188,23 @@ class KnownNoise:
 
 @dataclass(frozen=True)
 class OracleTau:
-    """Eq. 4 by ADMM at the tau, of a grid, whose answer is nearest the truth."""
+    """Eq. 4 by ADMM at the tau, of a grid, whose answer is nearest the truth.
 
-    name = "eq4-oracle"
-    cost = 6.0
+    Args:
+        fractions: values of tau / tau_max to try, falling.
+    """
+
+    fractions: tuple[float, ...] = FRACTIONS
+
+    @property
+    def name(self) -> str:
+        """Return its name."""
+        return "eq4-oracle" if self.fractions == FRACTIONS else f"eq4-oracle-{_ends(self.fractions)}"
+
+    @property
+    def cost(self) -> float:
+        """Return its expected time over that of basis pursuit."""
+        return 1.5 * len(self.fractions)
 
     def invert(self, taken: Taken, truth: np.ndarray, tick: Tick) -> Inverted:
         """Solve for every tau and take the best."""
@@ -195,11 +212,16 @@ class OracleTau:
         from recon.metrics import psnr
         from recon.tau import Given, TauPath
 
-        path = TauPath(fractions=FRACTIONS, solver=Admm())
+        path = TauPath(fractions=self.fractions, solver=Admm())
         found = path.follow(taken.operator, taken.signal, Given(threads=1), on_iteration=tick)
         best = int(np.argmax([psnr(solution.cube, truth) for solution in found]))
         solution = found[best]
-        return Inverted(solution.cube, solution.stop.converged, solution.iterations, FRACTIONS[best], best in (0, len(found) - 1))
+        return Inverted(solution.cube, solution.stop.converged, solution.iterations, self.fractions[best], best in (0, len(found) - 1))
+
+
+def _ends(fractions: tuple[float, ...]) -> str:
+    """Name a grid of tau by its ends; the two first ones by their start alone."""
+    return f"{fractions[0]:g}" + ("" if fractions in (FRACTIONS, BENCH_FRACTIONS) else f"-to-{fractions[-1]:g}")
 
 
 @cache

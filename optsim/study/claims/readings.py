@@ -12,7 +12,16 @@ from optsim.study.claims.bench import Bench
 from optsim.study.claims.captures import Capture, Demosaiced, KnowsNothing, KnowsSpots, Lit, Matched, Physical
 from optsim.study.claims.config import ClaimsConfig
 from optsim.study.claims.curves import GLASS_FOVEON, PHOTONS, PHYSICAL_FOVEON, PUBLISHED, Curves
-from optsim.study.claims.methods import BENCH_FRACTIONS, BlindTau, KnownNoise, Method, OracleTau, Pursuit
+from optsim.study.claims.methods import (
+    BENCH_FRACTIONS,
+    INTERPOLATED_FRACTIONS,
+    MATCHED_FRACTIONS,
+    BlindTau,
+    KnownNoise,
+    Method,
+    OracleTau,
+    Pursuit,
+)
 
 SENSORS = ("mono", "bayer", "foveon")
 
@@ -142,21 +151,25 @@ def _changed(config: ClaimsConfig, mono: Series) -> Iterator[Reading]:
             ]
         for change, recipe in every:
             yield Reading(mono, data, change, alike(recipe), few)
-        for change, sensor, capture in (
-            ("Foveon's layers by silicon's absorption", "foveon", _with_curves(data, PHYSICAL_FOVEON)),
-            ("Foveon emulated by glass plates", "foveon", _with_curves(data, GLASS_FOVEON)),
-            ("Bayer demosaiced first", "bayer", Demosaiced(_with_curves(data, PUBLISHED))),
+        interpolated = Recipe(Demosaiced(_with_curves(data, PUBLISHED)), OracleTau(INTERPOLATED_FRACTIONS))
+        for change, sensor, other in (
+            ("Foveon's layers by silicon's absorption", "foveon", Recipe(_with_curves(data, PHYSICAL_FOVEON), base.method)),
+            ("Foveon emulated by glass plates", "foveon", Recipe(_with_curves(data, GLASS_FOVEON), base.method)),
+            ("Bayer demosaiced first, its tau by an oracle", "bayer", interpolated),
         ):
-            changed = alike(base) | {sensor: Recipe(capture, base.method)}
+            changed = alike(base) | {sensor: other}
             yield Reading(mono, data, change, changed, few, frozenset((sensor,)))
 
 
 def _methods(data: str) -> list[tuple[str, Method]]:
     """Return the other ways to invert a base's data."""
-    oracle = ("Eq. 4 with oracle tau", OracleTau())
     if data == MATCHED:
-        return [oracle, ("Eq. 4 with automatic tau", BlindTau()), ("quality mode", Pursuit(quality=True))]
-    return [oracle, ("basis pursuit", Pursuit()), ("quality mode", BlindTau(quality=True))]
+        return [
+            ("Eq. 4 with oracle tau", OracleTau(MATCHED_FRACTIONS)),
+            ("Eq. 4 with automatic tau", BlindTau(MATCHED_FRACTIONS)),
+            ("quality mode", Pursuit(quality=True)),
+        ]
+    return [("Eq. 4 with oracle tau", OracleTau()), ("basis pursuit", Pursuit()), ("quality mode", BlindTau(quality=True))]
 
 
 def _with_curves(data: str, curves: Curves) -> Matched | Physical:

@@ -23,6 +23,8 @@ from optsim.study.world import PHYSICS_VERSION
 
 CLAIMS_VERSION = 1
 """Raise when a change here or in recon changes estimates: old entries are then computed anew."""
+BENCH_ROW = 2
+"""Raise when rows of the test bed hold something else."""
 FALSE_COLOR_BLOCK = 8
 """Side of the squares whose mean colour counts as false colour; smaller where the finest bars fill less."""
 
@@ -40,6 +42,7 @@ def task_key(config: ClaimsConfig, task: Task) -> str:
             "error": config.render_error,
             "settings": settings(),
         }
+        | ({"row": BENCH_ROW} if task.cell.scene == BENCH else {})
     )
 
 
@@ -82,7 +85,7 @@ def score_row(found: Inverted, world: World) -> Row:
     if world.scene == TARGET_2:
         row["false_color"] = false_color(cube, world)
     if world.scene == BENCH:
-        row["signature_error"] = {name: signature_error(cube, world, place) for name, place in reference_pixels(world.size).items()}
+        row["signatures"] = {name: compared(cube, world.truth, place) for name, place in reference_pixels(world.size).items()}
     return row
 
 
@@ -107,7 +110,21 @@ def signature(cube: np.ndarray, place: tuple[int, int]) -> np.ndarray:
     return np.asarray(cube[max(0, y - 1) : y + 2, max(0, x - 1) : x + 2].mean((0, 1)), np.float64)
 
 
-def signature_error(cube: np.ndarray, world: World, place: tuple[int, int]) -> float:
-    """Return the rms error of a signature over the true one's rms."""
-    seen, true = signature(cube, place), signature(world.truth, place)
-    return float(np.sqrt(np.mean((seen - true) ** 2) / np.mean(true**2)))
+def compared(cube: np.ndarray, truth: np.ndarray, place: tuple[int, int]) -> dict[str, float]:
+    """Compare the signature of a point with the true one.
+
+    Returns:
+        ``error``: rms of the difference over the true rms. ``background`` and ``gain``: of the line
+        seen = background mean(true) + gain true that fits best over the bands; a faithful signature has 0 and 1.
+        ``angle_deg``: between the two spectra.
+    """
+    seen, true = signature(cube, place), signature(truth, place)
+    design = np.stack([np.full_like(true, true.mean()), true], axis=1)
+    background, gain = np.linalg.lstsq(design, seen, rcond=None)[0]
+    cosine = float(seen @ true / (np.linalg.norm(seen) * np.linalg.norm(true)))
+    return {
+        "error": float(np.sqrt(np.mean((seen - true) ** 2) / np.mean(true**2))),
+        "background": float(background),
+        "gain": float(gain),
+        "angle_deg": float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))),
+    }

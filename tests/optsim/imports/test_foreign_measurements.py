@@ -52,7 +52,7 @@ def test_a_frame_of_any_shifts_is_explained_by_its_file(shifts):
     width = N + 9
     frames = frames_from(photographed(mask(), scene(), shifts, width)[0], mask()[0], shifts, BANDS)
     check_frames(frames)
-    explained = band_model_of(frames).operator().forward(scene())
+    explained = band_model_of(frames).operator(np.float64).forward(scene())
     np.testing.assert_allclose(explained, signal_of(frames), atol=1e-12)
 
 
@@ -61,11 +61,11 @@ def test_shots_channels_responses_mosaics_offsets_and_gray_masks_are_explained()
     response = np.random.default_rng(4).random((3, K))
     channels = np.stack([photographed(masks, scene() * row, shifts, width) for row in response], axis=1)
     layers = frames_from(channels + 7, masks, shifts, BANDS, response=response, attrs={"offset": 7.0})
-    np.testing.assert_allclose(band_model_of(layers).operator().forward(scene()), signal_of(layers), atol=1e-12)
+    np.testing.assert_allclose(band_model_of(layers).operator(np.float64).forward(scene()), signal_of(layers), atol=1e-12)
     mosaic = np.random.default_rng(5).integers(0, 3, (M, width))
     seen = np.take_along_axis(channels, mosaic[None, None], axis=1)
     bayer = frames_from(seen, masks, shifts, BANDS, response=response, mosaic=mosaic)
-    np.testing.assert_allclose(band_model_of(bayer).operator().forward(scene()), signal_of(bayer), atol=1e-12)
+    np.testing.assert_allclose(band_model_of(bayer).operator(np.float64).forward(scene()), signal_of(bayer), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_masks_and_frames_as_pictures_stacks_and_lists_are_brought_in(tmp_path):
         words += ["--shifts", ",".join(map(str, shifts)), "--wavelengths", ",".join(map(str, NM)), "-o", str(tmp_path / "f.nc")]
         assert _code(words) == 0
         found = read(tmp_path / "f.nc")
-        np.testing.assert_allclose(band_model_of(found).operator().forward(scene()), signal_of(found), atol=1e-12)
+        np.testing.assert_allclose(band_model_of(found).operator(np.float64).forward(scene()), signal_of(found), atol=1e-12)
     Image.fromarray((masks[0] * 255).astype(np.uint8)).save(tmp_path / "m.png")
     picture, out = str(tmp_path / "m.png"), str(tmp_path / "g.nc")
     scipy.io.savemat(tmp_path / "g.mat", {"y": frames[0], "junk": np.ones((3, 3))})
@@ -137,7 +137,7 @@ def test_masks_and_frames_as_pictures_stacks_and_lists_are_brought_in(tmp_path):
     words = ["import-measurement", str(tmp_path / "g.mat"), "--mask", picture, *reversed_words, "-o", out]
     assert _code(words) == 0
     found = read(tmp_path / "g.nc")
-    np.testing.assert_allclose(band_model_of(found).operator().forward(scene()), frames[:1, None], atol=1e-12)
+    np.testing.assert_allclose(band_model_of(found).operator(np.float64).forward(scene()), frames[:1, None], atol=1e-12)
 
 
 def test_measured_transmissions_above_1_keep_their_h(tmp_path):
@@ -148,7 +148,7 @@ def test_measured_transmissions_above_1_keep_their_h(tmp_path):
     assert _code([*words, "--wavelengths", ",".join(map(str, NM)), "-o", str(tmp_path / "o.nc")]) == 0
     found = read(tmp_path / "o.nc")
     assert found["mask"].values.max() == 1
-    np.testing.assert_allclose(band_model_of(found).operator().forward(scene()), signal_of(found), atol=1e-12)
+    np.testing.assert_allclose(band_model_of(found).operator(np.float64).forward(scene()), signal_of(found), atol=1e-12)
 
 
 def test_a_step_alone_counts_from_the_band_that_falls_leftmost(tmp_path):
@@ -205,7 +205,7 @@ def test_an_export_is_what_loaders_of_the_benchmark_compute_from_its_truth(tmp_p
     pattern = (np.random.default_rng(6).random((size, size)) < 0.5).astype(float)
     bands = Bands.from_centers(TSA_HALVES_NM)
     frames = frames_from(np.zeros((size, size + 54)), pattern, 2.0 * np.arange(28), bands, response=np.full(28, 0.4))
-    signal = band_model_of(frames).operator().forward(truth)
+    signal = band_model_of(frames).operator(np.float64).forward(truth)
     frames = frames_from(signal + 5, pattern, 2.0 * np.arange(28), bands, response=np.full(28, 0.4), attrs={"offset": 5.0})
     missed = write_tsa(frames, tmp_path / "a", truth=truth)
     assert len(missed) == 1  # only the number of pixels
@@ -266,7 +266,7 @@ def test_the_documents_program_writes_a_file_that_optsim_reconstructs_from(tmp_p
     exec(program, {})
     frames = read("frames.nc")
     check_frames(frames)
-    np.testing.assert_allclose(band_model_of(frames).operator().forward(truth), signal_of(frames), atol=1e-12)
+    np.testing.assert_allclose(band_model_of(frames).operator(np.float64).forward(truth), signal_of(frames), atol=1e-12)
     assert frames.attrs["format"] == FORMAT
     np.save("cube.npy", truth.transpose(2, 0, 1)[:, ::-1])
     exec(import_program, found := {})

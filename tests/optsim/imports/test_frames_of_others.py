@@ -94,7 +94,7 @@ def read_damaged(count, folder):
         path.write_bytes(mutated(data, number))
         start = time.monotonic()
         try:
-            band_model_of(read(path)).operator()
+            band_model_of(read(path)).operator(np.float64)
             ended["accepted"] += 1
         except (InputError, ReconInputError):
             ended["refused"] += 1
