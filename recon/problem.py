@@ -78,6 +78,14 @@ class Problem:
         known = self.penalty.tau_max(correlation)
         return 2 * float(np.abs(correlation).max()) if known is None else known
 
+    def counting(self) -> np.ndarray:
+        """Tell which measurements count: bool of the frames' shape, False where a weight of 0 leaves one out."""
+        counts, operator = np.ones(self.exact_frames.shape, bool), self.operator
+        while isinstance(operator, RowWeighted):
+            counts &= operator.weights > 0
+            operator = operator.operator
+        return counts
+
     def photographed(self, cube: np.ndarray) -> np.ndarray:
         """Return H' f' in float64 for a cube in the caller's units: what ``exact_frames`` are compared with."""
         normal = (cube.astype(np.float64) / self.unit).astype(self.operator.dtype)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import Field, field_validator
 
+from recon import threads as pool
 from recon.basis import DEFAULT_WAVELET, Kronecker
 from recon.config import Config
 from recon.errors import InputError
@@ -90,6 +91,7 @@ def choose_prior(
     *,
     tau: "float | TauRule | None" = None,
     noise: np.ndarray | None = None,
+    nonnegative: bool = False,
     share: float = 0.05,
     seed: int = 0,
     threads: int | None = None,
@@ -100,29 +102,37 @@ def choose_prior(
         operator: H.
         frames: g.
         priors: at least one candidate; the first wins a tie.
-        tau, noise, threads: as for :func:`recon.reconstruct`; without tau every candidate is solved by basis pursuit.
+        tau, noise, nonnegative, threads: as for :func:`recon.reconstruct`; without tau every candidate is solved by basis pursuit.
+            With noise the held-out errors are weighted as the misfit is, so that dead pixels (infinite variance) don't decide.
         share: part of the detector's pixels held out, with all shots and channels, above 0 and at most 0.5.
         seed: of the draw.
 
     Raises:
-        InputError: ``priors`` without candidates; what :func:`recon.reconstruct` refuses.
+        InputError: ``priors`` without candidates; ``noise`` that is finite at fewer than two pixels; what
+            :func:`recon.reconstruct` refuses.
     """
     from recon.tau import AutoTau, Given
+    from recon.tau.held_out import held_squares
 
     if not priors:
         raise InputError("priors", tuple(priors), "at least one prior")
-    values = np.asarray(frames)
-    held = np.broadcast_to(AutoTau(share=share, seed=seed).held_out(values.shape), values.shape)
-    blind = Given(noise=noise, threads=threads).without(held, values.shape)
-    size = float((values[held].astype(np.float64) ** 2).sum())
+    given = Given(noise=noise, nonnegative=nonnegative, threads=threads)
+    problem = given.pose(operator, frames)
+    if problem is None:
+        return PriorChoice(priors[0], (0.0,) * len(priors), "the frames are zero everywhere, so the prior does not matter")
+    counts = problem.counting()
+    held = AutoTau(share=share, seed=seed).held_out(counts.shape, counts)
+    blind = given.without(held, counts.shape)
+    energy = float((problem.exact_frames[..., held] ** 2).sum())
     errors = []
     for prior in priors:
-        found = replace(blind, prior=prior).reconstruct(operator, values, tau=tau)
-        gap = (values - operator.forward(found.cube))[held].astype(np.float64)
-        errors.append(float(gap @ gap) / size if size > 0 else 0.0)
+        found = replace(blind, prior=prior).reconstruct(operator, frames, tau=tau)
+        with pool.use(threads):
+            squares = held_squares(problem, found.cube, held)
+        errors.append(float(squares.sum()) / energy if energy > 0 else 0.0)
     best = int(np.argmin(errors))
     what = ", ".join(f"{type(prior).__name__} {np.sqrt(error):.3g}" for prior, error in zip(priors, errors))
-    return PriorChoice(priors[best], tuple(errors), f"relative error on {int(held.sum())} held-out measurements: {what}")
+    return PriorChoice(priors[best], tuple(errors), f"relative error on {int(counts[..., held].sum())} held-out measurements: {what}")
 
 
 def never_below(
@@ -133,6 +143,7 @@ def never_below(
     than: Prior | None = None,
     tau: "float | TauRule | None" = None,
     noise: np.ndarray | None = None,
+    nonnegative: bool = False,
     threads: int | None = None,
 ) -> Solution:
     """Reconstruct with ``prior``, or with ``than`` (None: ``L1()``) where that predicts held-out pixels better.
@@ -140,11 +151,11 @@ def never_below(
     It costs three solves. The note in the solution tells both errors.
 
     Args:
-        operator, frames, tau, noise, threads: as for :func:`recon.reconstruct`.
+        operator, frames, tau, noise, nonnegative, threads: as for :func:`recon.reconstruct`.
         prior: usually a ``Quality``.
         than: the prior to fall back on.
     """
     rival = L1() if than is None else than
-    choice = choose_prior(operator, frames, (prior, rival), tau=tau, noise=noise, threads=threads)
-    found = reconstruct(operator, frames, prior=choice.prior, tau=tau, noise=noise, threads=threads)
+    choice = choose_prior(operator, frames, (prior, rival), tau=tau, noise=noise, nonnegative=nonnegative, threads=threads)
+    found = reconstruct(operator, frames, prior=choice.prior, tau=tau, noise=noise, nonnegative=nonnegative, threads=threads)
     return replace(found, notes=(*found.notes, choice.reason))

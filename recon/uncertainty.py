@@ -153,6 +153,9 @@ class _World:
         self.cube = solution.cube.astype(np.float64)
         self._residual = frames - self._seen(self.cube)
         self._variance = None if about.noise is None else np.broadcast_to(np.asarray(about.noise, np.float64), frames.shape)
+        if self._variance is not None and not np.isfinite(self._variance[..., self.held]).any():
+            drawn = f"infinite at all {int(self.held.sum())} held-out pixels"
+            raise InputError("noise", drawn, "finite at some of the pixels held out; take a larger Displaced.share or another seed")
 
     def displacement(self, number: int) -> tuple[int, int]:
         """Draw rows and columns to move by; four repeats cover all four corners."""

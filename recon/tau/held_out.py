@@ -55,7 +55,7 @@ class AutoTau(Config):
         problem = about.pose(operator, frames)
         if problem is None:
             return dark_choice(), ()
-        held = self.held_out(tuple(problem.operator.out_shape))
+        held = self.held_out(tuple(problem.operator.out_shape), problem.counting())
         with pool.use(about.threads):
             largest = problem.reference_tau()
         blind = about.without(held, tuple(problem.operator.out_shape))
@@ -63,7 +63,7 @@ class AutoTau(Config):
             operator, frames, blind, largest=problem.outer_tau(largest), on_point=on_point, on_iteration=on_iteration
         )
         with pool.use(about.threads):
-            squares = np.stack([_held_squares(problem, s.cube, held) for s in solutions])
+            squares = np.stack([held_squares(problem, s.cube, held) for s in solutions])
         best = self.smallest_good(squares)
         energy = float((problem.exact_frames[..., held] ** 2).sum())
         totals = squares.sum(1)
@@ -80,14 +80,26 @@ class AutoTau(Config):
         )
         return choice, tuple(s.cube for s in solutions)
 
-    def held_out(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Draw the held-out pixels: bool of the last two axes of ``shape`` (or of its only one), at least one and never all."""
+    def held_out(self, shape: tuple[int, ...], counts: np.ndarray | None = None) -> np.ndarray:
+        """Draw the held-out pixels: bool of the last two axes of ``shape`` (or of its only one), at least one and never all.
+
+        Args:
+            shape: of the frames.
+            counts: which measurements count, bool of ``shape``: pixels without one are not drawn, they would tell nothing. None: all.
+
+        Raises:
+            InputError: fields ``frames`` or ``noise`` for fewer than two pixels to draw from.
+        """
         pixels = int(np.prod(shape[-2:]))
         if pixels < 2:
             raise InputError("frames", tuple(shape), "of at least 2 detector pixels, so that one can be held out")
-        count = min(max(1, round(self.share * pixels)), pixels - 1)
+        some = np.arange(pixels) if counts is None else np.flatnonzero(counts.reshape(-1, pixels).any(0))
+        if some.size < 2:
+            allowed = f"finite at 2 of the {pixels} detector pixels or more, so that one can be held out"
+            raise InputError("noise", f"finite at {some.size}", allowed)
+        count = min(max(1, round(self.share * some.size)), some.size - 1)
         held = np.zeros(pixels, bool)
-        held[np.random.Generator(np.random.Philox(self.seed)).choice(pixels, count, replace=False)] = True
+        held[some[np.random.Generator(np.random.Philox(self.seed)).choice(some.size, count, replace=False)]] = True
         return held.reshape(shape[-2:])
 
     def smallest_good(self, squares: np.ndarray) -> int:
@@ -103,7 +115,7 @@ class AutoTau(Config):
         return int(np.flatnonzero(totals - totals.min() <= allowed)[-1])
 
 
-def _held_squares(problem: Problem, cube: np.ndarray, held: np.ndarray) -> np.ndarray:
+def held_squares(problem: Problem, cube: np.ndarray, held: np.ndarray) -> np.ndarray:
     """Return (held-out pixels,) squared errors in the normalised problem's units."""
     gap = (problem.exact_frames - problem.photographed(cube))[..., held]
     return np.asarray((gap**2).reshape(-1, gap.shape[-1]).sum(0))

@@ -3,9 +3,22 @@
 import numpy as np
 import pytest
 
-from recon import L1, Admm, BasisPursuit, InputError, Kronecker, Quality, SpectralTotalVariation, TotalVariation, learned, reconstruct
+from recon import (
+    L1,
+    Admm,
+    AutoTau,
+    BasisPursuit,
+    InputError,
+    Kronecker,
+    Quality,
+    SpectralTotalVariation,
+    TotalVariation,
+    learned,
+    reconstruct,
+)
 from recon.coded_aperture import empty_cube
 from recon.quality import choose_prior, never_below
+from recon.tau import Given
 
 
 def spectra(bands: int) -> np.ndarray:
@@ -94,6 +107,62 @@ def test_never_below_falls_back_where_the_rival_predicts_better(camera_of):
     plain = reconstruct(operator, frames)
     np.testing.assert_array_equal(found.cube, plain.cube)
     assert any("held-out" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2])
+def test_dead_pixels_of_infinite_variance_do_not_decide_between_priors(camera_of, cube_of, share):
+    """The error is that of (S.66) over what counts, recomputed with a dense H from solves that don't see the drawn pixels."""
+    operator = camera_of("mono", 3, 16, 4)
+    frames = operator.forward(cube_of(16, 4))
+    noise = np.random.Generator(np.random.Philox(5)).uniform(1, 4, frames.shape)
+    drawn = AutoTau(share=share).held_out(frames.shape)
+    dead = tuple(np.argwhere(drawn)[2])
+    noise[(..., *dead)] = np.inf
+    noise[1, 0, 9, 4] = np.inf  # and one measurement of a pixel that counts otherwise
+    priors = (TotalVariation(), L1(basis=Kronecker.for_shape(operator.in_shape)))
+    plain = choose_prior(operator, frames, priors, noise=noise, share=share)
+    spoiled = frames.copy()
+    spoiled[np.isinf(noise)] = 1e3
+    choice = choose_prior(operator, spoiled, priors, noise=noise, share=share)
+    assert type(choice.prior) is type(plain.prior)
+    np.testing.assert_allclose(choice.errors, plain.errors, rtol=1e-6)
+    held = AutoTau(share=share).held_out(frames.shape, np.isfinite(noise))
+    assert not held[dead]
+    blind = np.where(np.broadcast_to(held, frames.shape), np.inf, noise)
+    for prior, error in zip(priors, choice.errors):
+        cube = reconstruct(operator, frames, prior=prior, noise=blind).cube
+        seen = (operator.dense() @ cube.transpose(2, 1, 0).ravel()).reshape(3, 1, -1, 16).transpose(0, 1, 3, 2)
+        use = np.broadcast_to(held, frames.shape) & np.isfinite(noise)
+        expected = ((frames - seen)[use] ** 2 / noise[use]).sum() / (frames[use] ** 2 / noise[use]).sum()
+        assert error == pytest.approx(expected, rel=1e-6)
+    assert f"on {int(use.sum())} held-out measurements" in choice.reason
+
+
+def test_a_rule_for_tau_holds_out_other_pixels_than_the_choice_of_priors(camera_of, cube_of):
+    """The same seed drew the same pixels: the rule then saw errors of 0 everywhere and always took the smallest tau."""
+    operator = camera_of("mono", 3, 16, 4)
+    clean = operator.forward(cube_of(16, 4))
+    frames = clean + 0.2 * np.random.Generator(np.random.Philox(9)).standard_normal(clean.shape)
+    rule = AutoTau()
+    first = rule.held_out(frames.shape)
+    blind = Given().without(first, frames.shape)
+    choice = rule.choose(operator, frames, blind)
+    assert min(choice.errors) > 1e-3
+    assert not choice.at_edge
+    assert not (first & rule.held_out(frames.shape, np.broadcast_to(~first, frames.shape))).any()
+    with pytest.raises(InputError, match=r"^noise: must be finite at 2 of the 304 detector pixels or more.*finite at 1"):
+        rule.choose(operator, frames, Given(noise=np.where(np.arange(clean.size).reshape(clean.shape) == 7, 1.0, np.inf)))
+
+
+def test_the_choice_between_priors_keeps_to_cubes_without_negative_values(camera_of, cube_of):
+    operator = camera_of("mono", 2, 16, 4)
+    clean = operator.forward(cube_of(16, 4))
+    frames = clean + 0.05 * np.random.Generator(np.random.Philox(3)).standard_normal(clean.shape)
+    free = never_below(operator, frames, TotalVariation(), tau=0.05)
+    bound = never_below(operator, frames, TotalVariation(), tau=0.05, nonnegative=True)
+    assert free.cube.min() < 0
+    assert bound.cube.min() >= 0
+    assert bound.notes[-1] != free.notes[-1]
 
 
 def test_it_takes_noise_and_a_rule_for_tau(camera_of, cube_of, psnr_of):
