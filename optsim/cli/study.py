@@ -75,8 +75,8 @@ def _tell(found: Found, in_words: Callable[[Found], None], json: bool) -> None:
 def _tell_claims(found: Claims) -> None:
     for verdict in found.verdicts:
         e = verdict.best.estimate
-        print(f"{verdict.claim.text}: {verdict.verdict.value.replace('_', ' ')}, {verdict.words}")
-        print(f"    {e.mean:+.2f} dB [{e.low:+.2f}, {e.high:+.2f}] with {verdict.best.reading.name}; {verdict.best.where}")
+        print(f"{verdict.claim.text}; {verdict.among}: {verdict.verdict.value.replace('_', ' ')}, {verdict.words}")
+        print(f"    {e.mean:+.2f} dB [{e.low:+.2f}, {e.high:+.2f}] with {verdict.best.name}; {verdict.best.where}")
 
 
 def _tell_experiment(found: Experiment) -> None:

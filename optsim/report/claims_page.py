@@ -13,31 +13,33 @@ from optsim.report.style import Drawn
 STANDING = {"holds": "holds", "holds_only_if": "partly", "does_not_hold": "fails"}
 """Verdict -> the style class of the report."""
 WORDS = {"holds": "holds", "holds_only_if": "holds only if", "does_not_hold": "does not hold"}
-ROW_WORDS = {"holds": "holds", "holds_only_if": "sign only", "does_not_hold": "does not hold"}
+ROW_STANDING = {"holds": "holds", "sign only": "partly", "opposite sign": "fails", "not decided": ""}
+"""What one case shows -> the style class."""
 
 
 @dataclass(frozen=True)
 class ClaimLine:
-    """One claim over all readings: text, number with interval (as text), where that was measured, verdict, condition in words."""
+    """One claim as text: claim, number with interval, where that was measured; (verdict, condition) of base readings and of all cases."""
 
     claim: str
     number: str
     measured: str
-    verdict: str
-    words: str
+    bases: tuple[str, str]
+    every: tuple[str, str]
 
 
 @dataclass(frozen=True)
 class ReadingLine:
-    """One claim under one reading, all as text; ``p`` is Holm's."""
+    """One claim in one case, all as text; ``p`` is Holm's."""
 
     claim: str
     reading: str
     where: str
     number: str
+    trials: str
     p: str
     spread: str
-    verdict: str
+    outcome: str
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,9 @@ class ClaimsPage:
         kicker: version and size of the study.
         glance: header and rows of the small table under the title.
         claims: in the paper's order.
-        readings: every claim under every reading.
+        readings: every claim in every case.
         method: paragraphs.
-        design: header and rows of the table of what was run.
+        tables: header and rows of the tables of what was run, and of how the solves went.
         figures: by heading.
         command: the line that makes the run again.
     """
@@ -62,7 +64,7 @@ class ClaimsPage:
     claims: Sequence[ClaimLine]
     readings: Sequence[ReadingLine]
     method: Sequence[str]
-    design: tuple[Sequence[str], Sequence[Sequence[str]]]
+    tables: Sequence[tuple[Sequence[str], Sequence[Sequence[str]]]]
     figures: Sequence[tuple[str, Sequence[Drawn]]] = field(default=())
     command: str = ""
 
@@ -85,19 +87,16 @@ def render_claims_page(page: ClaimsPage) -> str:
 
 
 def _claims(page: ClaimsPage) -> list[Child]:
-    rows = [
-        (
-            line.claim,
-            tag("span", WORDS[line.verdict], class_=f"verdict {STANDING[line.verdict]}"),
-            line.words,
-            line.number,
-            line.measured,
-        )
-        for line in page.claims
-    ]
+    rows = [(line.claim, *_judged(*line.bases), *_judged(*line.every), line.number, line.measured) for line in page.claims]
     intro = "Rueda, Lau and Arce, “Multi-spectral compressive snapshot imaging using RGB image sensors”, Optics Express, 2015."
-    header = ("the paper says", "verdict", "under which reading", "our number, dB [95 %]", "measured under")
+    header = ("the paper says", "base readings", "under which", "all cases", "in which", "our number, dB [95 %]", "measured under")
     return [tag("p", intro), table(header, rows, class_="wide claims", numeric_from=9)]
+
+
+def _judged(verdict: str, words: str) -> tuple[Child, Child]:
+    if not verdict:
+        return "–", words
+    return tag("span", WORDS[verdict], class_=f"verdict {STANDING[verdict]}"), words
 
 
 def _group(heading: str, drawn: Sequence[Drawn]) -> list[Child]:
@@ -105,14 +104,16 @@ def _group(heading: str, drawn: Sequence[Drawn]) -> list[Child]:
 
 
 def _method(page: ClaimsPage) -> list[Child]:
-    header, rows = page.design
-    return [*(tag("p", text) for text in page.method), table(header, rows, numeric_from=1)]
+    return [
+        *(tag("p", text) for text in page.method),
+        *(table(header, rows, class_="wide", numeric_from=1) for header, rows in page.tables),
+    ]
 
 
 def _readings(page: ClaimsPage) -> list[Child]:
-    header = ("claim", "reading", "R and size", "dB [95 %]", "p (Holm)", "scatter of scenes / masks, dB", "verdict")
+    header = ("claim", "reading", "R (or shots) and size", "dB [95 %]", "trials", "p (Holm)", "scatter of scenes / masks, dB", "verdict")
     cells = [
-        (r.claim, r.reading, r.where, r.number, r.p, r.spread, tag("span", ROW_WORDS[r.verdict], class_=STANDING[r.verdict]))
+        (r.claim, r.reading, r.where, r.number, r.trials, r.p, r.spread, tag("span", r.outcome, class_=ROW_STANDING[r.outcome]))
         for r in page.readings
     ]
     head = tag("thead", tag("tr", [tag("th", text, scope="col") for text in header]))

@@ -72,6 +72,15 @@ def paired_estimate(differences: Mapping[str, Sequence[float]], seed: int = 0, r
     return Estimate(mean, *ends, one_sided_p(differences), len(differences), cells, scenes, masks)
 
 
+def mean_of(differences: Mapping[str, Sequence[float]]) -> float:
+    """Return the mean of :func:`paired_estimate`: over scenes, each the mean over its masks.
+
+    Raises:
+        InputError: as there.
+    """
+    return float(_units(differences).mean())
+
+
 def one_sided_p(differences: Mapping[str, Sequence[float]]) -> float:
     """Return Student's p of "the mean is not above 0", on the same independent means as :func:`paired_estimate`.
 

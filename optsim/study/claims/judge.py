@@ -1,49 +1,60 @@
-"""From measured differences to verdicts: one of three words a claim and reading, and one for the claim over all readings."""
+"""From measured differences to verdicts: what each case shows, and a word for each claim over base readings and over all cases."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
-from optsim.report.select import ratio_text
+from optsim.report.select import listing, ratio_text
+from optsim.study.claims.captures import Lit
+from optsim.study.claims.conditions import Traits, condition
 from optsim.study.claims.measures import Table
 from optsim.study.claims.paper import CLAIMS, PaperClaim
 from optsim.study.claims.readings import Reading
 from optsim.study.plan import BANDS, MONO_SHOTS_PER_GROUP
-from optsim.study.statistics import Estimate, holm, paired_estimate, weakest
+from optsim.study.statistics import Estimate, holm, mean_of, one_sided_p, paired_estimate, weakest
 
 LEVEL = 0.05
-"""Chance of any false "holds" among the readings of one claim."""
-
-
-CLEAR = 0.7
-"""A condition is named when so large a part of the readings that meet it hold, and at most the rest of the others."""
-FEWEST = 3
-"""Readings that must meet a condition, and that must miss it, before it is named: fewer show nothing but themselves."""
+"""Chance of any false "sign shown" among the cases of one family: those of a claim under the bases, or under changed readings."""
+BASES, EVERY = "base readings", "all cases"
+EXAMPLES = 3
+"""Cases that are named where no condition sorts them."""
 
 
 class Verdict(Enum):
-    """What became of a claim."""
+    """What became of a claim, in the words of the JSON object."""
 
     HOLDS = "holds"
     ONLY_IF = "holds_only_if"
     DOES_NOT = "does_not_hold"
 
 
+class Outcome(Enum):
+    """What one case shows."""
+
+    HOLDS = "holds"
+    SIGN = "sign only"
+    OPPOSITE = "opposite sign"
+    UNDECIDED = "not decided"
+
+
 @dataclass(frozen=True)
 class Judged:
-    """One claim under one reading.
+    """One claim in one case: under one reading, at one R and size.
 
     Args:
         claim: which.
         reading: which.
-        where: R and size, as a table has it.
+        where: R and size, or the shots where they are not those of one R, as a table has it.
         groups: colour shots; None: over several R.
         estimate: the number with its interval; of several parts the weakest.
-        p: Holm's, over the readings of its claim.
-        verdict: ``ONLY_IF`` here: it is above 0, but not of the claimed size.
+        fits: whether the size is met: the mean of every part lies in the claimed range.
+        p: of "not above 0", by Holm over its family.
+        p_opposite: of "not below 0", alike.
+        equal: whether the compared sensors' shots belong to one R.
+        alike: changes of other readings whose solves are the same.
     """
 
     claim: PaperClaim
@@ -51,36 +62,68 @@ class Judged:
     where: str
     groups: int | None
     estimate: Estimate
-    p: float = 1.0
-    verdict: Verdict = Verdict.DOES_NOT
+    fits: bool
+    p: float
+    p_opposite: float
+    equal: bool = True
+    alike: tuple[str, ...] = ()
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return what it shows."""
+        if self.p < LEVEL:
+            return Outcome.HOLDS if self.fits else Outcome.SIGN
+        return Outcome.OPPOSITE if self.p_opposite < LEVEL else Outcome.UNDECIDED
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return the word for this case alone: a sign without the size is not what was claimed."""
+        return Verdict.HOLDS if self.outcome is Outcome.HOLDS else Verdict.DOES_NOT
+
+    @property
+    def name(self) -> str:
+        """Return what a table calls its reading: without mono's masks where mono is not compared."""
+        reading = self.reading
+        known = reading.name if "mono" in self.claim.measure.sensors else reading.name.split(", ", 1)[1]
+        return known + (f" (the same solves: {listing(self.alike)})" if self.alike else "")
+
+    @property
+    def traits(self) -> Traits:
+        """Return what a condition may be made of."""
+        found = {"masks": f"if the masks are {self.reading.mono.masks}"} if "mono" in self.claim.measure.sensors else {}
+        found["data"] = f"if the data are {self.reading.data}"
+        if self.groups is not None:
+            found["R"] = f"at R = {_ratio(self.groups)}"
+        return found
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of this row."""
-        e = self.estimate
-        return _entry(self.claim, f"{self.reading.name}; {self.where}", e, self.verdict)
+        """Return the JSON object of this case."""
+        return _entry(self.claim, f"{self.name}; {self.where}", self.estimate, self.verdict)
 
 
 @dataclass(frozen=True)
 class Overall:
-    """One claim over all its readings.
+    """One claim over several cases.
 
     Args:
         claim: which.
-        verdict: over all.
+        among: which cases, ``BASES`` or ``EVERY``.
+        verdict: over them.
         words: under which condition.
-        best: the reading that stands for it.
-        counts: how many readings hold, hold in sign only, do not hold.
+        best: the case that stands for it.
+        counts: how many cases show what.
     """
 
     claim: PaperClaim
+    among: str
     verdict: Verdict
     words: str
     best: Judged
-    counts: tuple[int, int, int]
+    counts: Mapping[Outcome, int]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of this claim."""
-        return _entry(self.claim, f"overall: {self.words}", self.best.estimate, self.verdict)
+        return _entry(self.claim, f"overall, {self.among}: {self.words}", self.best.estimate, self.verdict)
 
 
 def _entry(claim: PaperClaim, reading: str, e: Estimate, verdict: Verdict) -> dict[str, Any]:
@@ -95,100 +138,110 @@ def _entry(claim: PaperClaim, reading: str, e: Estimate, verdict: Verdict) -> di
 
 
 def judge(tables: Sequence[Table], seed: int) -> list[Judged]:
-    """Judge every claim under every reading that bears on it; the p values of a claim are corrected over all its readings."""
-    found = list(_once(row for table in tables for row in _measured(table, seed)))
-    adjusted: dict[int, float] = {}
-    for claim in CLAIMS:
-        mine = [i for i, row in enumerate(found) if row.claim is claim]
-        adjusted |= dict(zip(mine, holm([found[i].estimate.p for i in mine])))
-    return [_decided(row, adjusted[i]) for i, row in enumerate(found)]
+    """Judge every claim in every case that bears on it; p values are corrected within a family.
+
+    A family is what one claim is asked under the bases, or under changed readings: bases come first, and questions
+    asked in passing don't weaken them.
+    """
+    found = list(_merged(row for table in tables for row in _measured(table, seed)))
+    families: dict[tuple[str, bool], list[int]] = {}
+    for i, row in enumerate(found):
+        families.setdefault((row.claim.ident, row.reading.base), []).append(i)
+    for mine in families.values():
+        above, below = (holm([p(found[i]) for i in mine]) for p in (lambda row: row.p, lambda row: row.p_opposite))
+        for i, p, opposite in zip(mine, above, below):
+            found[i] = replace(found[i], p=p, p_opposite=opposite)
+    return found
 
 
-def _once(rows: Iterable[Judged]) -> Iterator[Judged]:
-    """Leave out what another reading of mono repeats: a claim without mono is the same claim."""
-    seen = set()
+def _merged(rows: Iterable[Judged]) -> Iterator[Judged]:
+    """Count the same solves once, whatever readings they come from."""
+    first: dict[tuple[Any, ...], Judged] = {}
     for row in rows:
-        key = (row.claim.ident, row.reading.data, row.reading.change, row.where)
-        if "mono" in row.claim.measure.sensors or key not in seen:
-            yield row
-        seen.add(key)
-
-
-def _decided(row: Judged, p: float) -> Judged:
-    """Return a row with its verdict."""
-    met = row.claim.size.met(row.estimate.low, row.estimate.high)
-    shown = p < LEVEL and row.estimate.mean > 0
-    return replace(row, p=p, verdict=(Verdict.HOLDS if met else Verdict.ONLY_IF) if shown else Verdict.DOES_NOT)
+        sensors, reading = row.claim.measure.sensors, row.reading
+        mono = reading.mono.key if "mono" in sensors else ""
+        key = (row.claim.ident, row.where, mono, reading.depth, *(reading.recipes[s] for s in sorted(sensors)))
+        known = first.get(key)
+        if known is None:
+            first[key] = row
+        elif reading.change not in (known.reading.change, *known.alike):
+            first[key] = replace(known, alike=(*known.alike, reading.change))
+    return iter(first.values())
 
 
 def _measured(table: Table, seed: int) -> list[Judged]:
     found = []
     groups = sorted({g for scene in table.scenes for g in table.groups(scene)})
-    size = f"{table.size} x {table.size}"
     for claim in CLAIMS:
-        if not claim.measure.sensors & table.reading.touched:
+        measure = claim.measure
+        if not measure.sensors & table.reading.touched:
             continue
-        for g in groups if claim.measure.steady else groups[:1]:
-            parts = list(claim.measure.parts(table, g))
+        for g in groups if measure.steady else groups[:1]:
+            parts = list(measure.parts(table, g))
             if parts:
-                R = f"R = {ratio_text(MONO_SHOTS_PER_GROUP * g / BANDS)}" if claim.measure.steady else "from R to R"
-                found.append(
-                    Judged(claim, table.reading, f"{R}, {size}", g if claim.measure.steady else None, paired_estimate(weakest(parts), seed))
-                )
+                weak = weakest(parts)
+                opposite = one_sided_p({scene: [-v for v in values] for scene, values in weak.items()})
+                estimate = paired_estimate(weak, seed)
+                fits = all(claim.size.met(mean_of(part)) for part in parts)
+                shots, equal = _shots(table.reading, measure.sensors, g) if measure.steady else ("from R to R", True)
+                where = f"{shots}, {table.size} x {table.size}"
+                own = g if measure.steady else None
+                found.append(Judged(claim, table.reading, where, own, estimate, fits, estimate.p, opposite, equal))
     return found
+
+
+def _shots(reading: Reading, sensors: Iterable[str], groups: int) -> tuple[str, bool]:
+    """Return R, or the sensors' shots where a light budget gives them others, and whether it is one R."""
+    usual = {s: groups * (MONO_SHOTS_PER_GROUP if s == "mono" else 1) for s in sorted(sensors)}
+    captures = {s: reading.recipes[s].capture for s in usual}
+    own = {s: capture.shots if isinstance(capture, Lit) else usual[s] for s, capture in captures.items()}
+    if own == usual:
+        return f"R = {_ratio(groups)}", True
+    return "shots: " + listing(f"{name} {count}" for name, count in own.items()), False
+
+
+def _ratio(groups: int) -> str:
+    return ratio_text(MONO_SHOTS_PER_GROUP * groups / BANDS)
 
 
 def overall(rows: Sequence[Judged]) -> list[Overall]:
-    """Say of each claim whether it holds under every reading, under some, or under none."""
+    """Say of each claim whether it holds always, sometimes or never: under the base readings, then in all cases.
+
+    Cases whose sensors' shots are not those of one R are left out: the paper compares at equal R.
+    """
     found = []
     for claim in CLAIMS:
-        mine = [row for row in rows if row.claim.ident == claim.ident]
-        if mine:
-            found.append(_over(claim, mine))
+        mine = [row for row in rows if row.claim.ident == claim.ident and row.equal]
+        bases = [row for row in mine if row.reading.base]
+        found += [_over(claim, among, chosen) for among, chosen in ((BASES, bases), (EVERY, mine)) if chosen]
     return found
 
 
-def _over(claim: PaperClaim, rows: Sequence[Judged]) -> Overall:
-    counts = tuple(sum(row.verdict is v for row in rows) for v in (Verdict.HOLDS, Verdict.ONLY_IF, Verdict.DOES_NOT))
-    assert len(counts) == 3
-    signed = [row for row in rows if row.verdict is not Verdict.DOES_NOT]
-    full = [row for row in rows if row.verdict is Verdict.HOLDS]
-    if len(full) == len(rows):
-        return Overall(claim, Verdict.HOLDS, f"under all {len(rows)} readings", rows[0], counts)
-    if not signed:
-        return Overall(claim, Verdict.DOES_NOT, f"under none of {len(rows)} readings", rows[0], counts)
-    best = min(full or signed, key=lambda row: (not row.reading.base, row.groups != 1))
-    condition = _condition(rows, [row.verdict is not Verdict.DOES_NOT for row in rows])
-    size = f"of the claimed size ({claim.size}) under {len(full)}" if claim.size.high is not None or claim.size.low > 0 else ""
-    words = f"{condition} ({len(signed)} of {len(rows)} readings{', ' + size if size else ''})"
-    return Overall(claim, Verdict.ONLY_IF, words, best, counts)
+def _over(claim: PaperClaim, among: str, rows: Sequence[Judged]) -> Overall:
+    counts = {outcome: sum(row.outcome is outcome for row in rows) for outcome in Outcome}
+    holding, signed = counts[Outcome.HOLDS], counts[Outcome.HOLDS] + counts[Outcome.SIGN]
+    order = list(Outcome)
+    best = min(rows, key=lambda row: (order.index(row.outcome), not row.reading.base, row.groups not in (1, None)))
+    if holding == len(rows):
+        return Overall(claim, among, Verdict.HOLDS, f"in all {len(rows)}", best, counts)
+    if holding:
+        return Overall(claim, among, Verdict.ONLY_IF, _when(rows, lambda row: row.outcome is Outcome.HOLDS), best, counts)
+    if signed:
+        sign = "in all" if signed == len(rows) else _when(rows, lambda row: row.outcome is Outcome.SIGN)
+        return Overall(claim, among, Verdict.DOES_NOT, f"never of the claimed size ({claim.size}); its sign {sign}", best, counts)
+    least = min(rows, key=lambda row: (not row.reading.base, row.groups not in (1, None)))
+    words = f"in none of {len(rows)}: {counts[Outcome.OPPOSITE]} show the opposite, {counts[Outcome.UNDECIDED]} decide nothing"
+    return Overall(claim, among, Verdict.DOES_NOT, words, least, counts)
 
 
-def _condition(rows: Sequence[Judged], good: Sequence[bool]) -> str:
-    """Name the condition that sorts the readings best: mask rule, data, both, or the readings themselves."""
-    if all(good):
-        return "its sign under every reading"
-    traits: list[tuple[str, Mapping[str, Any]]] = [
-        (f"if the masks are {mono}", {"mono": mono}) for mono in dict.fromkeys(r.reading.mono.masks for r in rows)
-    ]
-    traits += [(f"if the data are {data}", {"data": data}) for data in dict.fromkeys(r.reading.data for r in rows)]
-    traits += [(f"{a} and {b.removeprefix('if ')}", {**x, **y}) for a, x in traits for b, y in traits if "mono" in x and "data" in y]
-
-    def inside(row: Judged, trait: Mapping[str, Any]) -> bool:
-        own = {"mono": row.reading.mono.masks, "data": row.reading.data}
-        return all(own[key] == value for key, value in trait.items())
-
-    def agreement(trait: Mapping[str, Any]) -> float:
-        return sum(inside(row, trait) == g for row, g in zip(rows, good)) / len(rows)
-
-    shown = [t for t in traits if FEWEST <= sum(inside(row, t[1]) for row in rows) <= len(rows) - FEWEST]
-    if shown:
-        words, trait = max(shown, key=lambda t: agreement(t[1]))
-        held = sum(g for row, g in zip(rows, good) if inside(row, trait))
-        total = sum(inside(row, trait) for row in rows)
-        others, rest = sum(good) - held, len(rows) - total
-        if agreement(trait) == 1:
-            return words
-        if held >= CLEAR * total and others <= (1 - CLEAR) * rest:
-            return f"{words}: {held} of {total} such readings, {others} of the {rest} others"
-    return "under single readings, see the table"
+def _when(rows: Sequence[Judged], good: Callable[[Judged], bool]) -> str:
+    """Say when: by a condition that sorts the decided cases, or all of them, else by the cases themselves."""
+    decided = [row for row in rows if row.outcome is not Outcome.UNDECIDED]
+    by_trait = (condition([row.traits for row in chosen], [good(row) for row in chosen]) for chosen in (decided, rows))
+    named = next((words for words in by_trait if words), None)
+    mine = [row for row in rows if good(row)]
+    if named:
+        return f"{named}; {len(mine)} of {len(rows)} in all"
+    shown = [f"{row.name}, {row.where}" for row in mine[:EXAMPLES]]
+    more = f" and {len(mine) - EXAMPLES} more" if len(mine) > EXAMPLES else ""
+    return f"in {len(mine)} of {len(rows)}: {'; '.join(shown)}{more}"
