@@ -101,7 +101,11 @@ def test_a_condition_is_named_with_its_counts_where_enough_cases_meet_and_miss_i
     ]
     repeated = ["repeated" in case["masks"] for case in cases]
     assert condition(cases, repeated) == "if the masks are repeated: 8 of 8 such cases, 0 of the 8 others"
-    assert condition(cases, [m and "1/8" in c["R"] for m, c in zip(repeated, cases)]) is None  # four cases are too few
+    assert condition(cases, [m and "1/8" in c["R"] for m, c in zip(repeated, cases)]) == (
+        "if the masks are repeated at R = 1/8: 4 of 4 such cases, 0 of the 12 others"
+    )
+    assert condition(cases[6:], [m and "1/8" in c["R"] for m, c in zip(repeated, cases)][6:]) is not None
+    assert condition(cases[10:], [i < 2 for i in range(6)]) is None  # two cases are too few
     assert condition(cases, [i % 2 == 0 for i in range(16)]) is None
 
 
@@ -191,7 +195,7 @@ def test_a_claim_without_mono_is_judged_once_for_both_readings_of_mono(judged):
     mine = [r for r in judged if r.claim.ident == "target1-foveon-bayer"]
     assert len({(r.name, r.where) for r in mine}) == len(mine)
     assert any("F equal" in change for r in judged for change in (r.reading.change, *r.alike))
-    assert not any("masks" in r.name or "masks" in r.traits for r in mine)
+    assert not any("masks" in r.traits or r.name.startswith(("distinct", "repeated")) for r in mine)
 
 
 def test_sizes_allow_half_a_decibel_or_a_quarter():

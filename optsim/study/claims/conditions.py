@@ -12,6 +12,8 @@ CLEAR = 0.7
 """A condition is named when so large a part of the cases that meet it hold, and at most the rest of the others."""
 FEWEST = 5
 """Cases that must meet a condition, and that must miss it, before it is named: fewer show nothing but themselves."""
+FEWEST_EXACT = 3
+"""The same for a condition without exception."""
 
 
 def condition(cases: Sequence[Traits], good: Sequence[bool]) -> str | None:
@@ -22,7 +24,8 @@ def condition(cases: Sequence[Traits], good: Sequence[bool]) -> str | None:
         inside, held = sum(met), sum(m and g for m, g in zip(met, good))
         rest, others = len(cases) - inside, sum(good) - held
         clear = held >= CLEAR * inside and others <= (1 - CLEAR) * rest
-        if min(inside, rest) < FEWEST or not clear:
+        exact = held == inside and others == 0
+        if min(inside, rest) < (FEWEST_EXACT if exact else FEWEST) or not clear:
             continue
         agreement = (held + rest - others) / len(cases) - 1e-6 * len(candidate)  # of equals the simpler
         if best is None or agreement > best[0]:

@@ -230,7 +230,7 @@ def _over(claim: PaperClaim, among: str, rows: Sequence[Judged]) -> Overall:
         sign = "in all" if signed == len(rows) else _when(rows, lambda row: row.outcome is Outcome.SIGN)
         return Overall(claim, among, Verdict.DOES_NOT, f"never of the claimed size ({claim.size}); its sign {sign}", best, counts)
     least = min(rows, key=lambda row: (not row.reading.base, row.groups not in (1, None)))
-    words = f"in none of {len(rows)}: {counts[Outcome.OPPOSITE]} show the opposite, {counts[Outcome.UNDECIDED]} decide nothing"
+    words = f"in none of {len(rows)}: opposite sign in {counts[Outcome.OPPOSITE]}, not decided in {counts[Outcome.UNDECIDED]}"
     return Overall(claim, among, Verdict.DOES_NOT, words, least, counts)
 
 

@@ -12,7 +12,7 @@ from optsim.files.guard import atomic_path
 from optsim.report.claims_page import ClaimLine, ClaimsPage, ReadingLine, render_claims_page
 from optsim.report.select import listing
 from optsim.study.claims.answer import Claims
-from optsim.study.claims.conditions import CLEAR, FEWEST
+from optsim.study.claims.conditions import CLEAR, FEWEST, FEWEST_EXACT
 from optsim.study.claims.disclosure import disclosures, settings_told
 from optsim.study.claims.drawings import draw
 from optsim.study.claims.judge import BASES, EVERY, LEVEL, Judged, Overall, Verdict
@@ -39,7 +39,8 @@ METHOD = (
     "family of Holm’s correction, the changed readings another; nothing is corrected across claims.",
     "A claim holds when every case holds; only if, when some do, and then a condition is named where it sorts the decided "
     f"cases: at least {CLEAR:.0%} of those that meet it hold, at most {1 - CLEAR:.0%} of the others, {FEWEST} or more on "
-    "either side. It does not hold when no case holds; its sign may still be shown. Cases with the same solves are counted "
+    f"either side ({FEWEST_EXACT} where there is no exception). "
+    "It does not hold when no case holds; its sign may still be shown. Cases with the same solves are counted "
     "once. Cases whose sensors’ shots do not belong to one R (light budgets A and E) stand in the tables and figures, and "
     "are left out of the verdicts: the paper compares at equal R.",
     "Readings change one factor from a stated base. Matched data come from the discrete model itself and are inverted by "
