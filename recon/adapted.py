@@ -48,10 +48,12 @@ class Adapted:
         draw = np.random.Generator(np.random.Philox(0))
         seen = self.forward(draw.choice(np.array([-1, 1], self.dtype), self.in_shape))
         size = float(np.abs(seen).max())
+        if size == 0:  # signs may cancel in a tiny operator, as +1 and -1 do in f[0] + f[1]; normal numbers do not
+            size = float(np.abs(self.forward(draw.standard_normal(self.in_shape).astype(self.dtype))).max())
         if not np.isfinite(size):
             raise InputError("operator.forward", size, "finite for a cube of +1 and -1")
         if size == 0:
-            raise InputError("operator", 0.0, "different from 0: the camera sees nothing of a cube of random signs")
+            raise InputError("operator", 0.0, "different from 0: the camera sees nothing of a cube of random numbers")
         inner = Adapted(self.operator, self.dtype)
         inner.strength = self.strength * size
         return inner, size

@@ -56,7 +56,7 @@ class CodedAperture:
             bands, and H is ``H (I x spectral^T)`` (theory.md (S.70)); None: bands.
 
     Raises:
-        InputError: for a wrong shape or value; field ``masks`` with "camera sees nothing" when H = 0.
+        InputError: for a wrong shape or value; fields ``masks``, ``response`` or ``first_column`` with "camera sees nothing" when H = 0.
     """
 
     def __init__(
@@ -206,8 +206,12 @@ class CodedAperture:
         different = len({shot.tobytes() for shot in self.masks})
         return self.masks.shape[0] - different
 
+    def closed_shots(self) -> list[int]:
+        """Return the shots whose mask is closed everywhere: their frames hold nothing."""
+        return closed_shots(self.masks)
+
     def _require_light(self) -> None:
-        blind = [l for l in range(self.masks.shape[0]) if not self.masks[l].any()]
+        blind = self.closed_shots()
         n = np.arange(self.in_shape[1])
         column = n + self.first_column[:, None, None] + np.arange(self.taps.shape[1])[:, None]
         lands = ((column >= 0) & (column < self.width)).any(-1) & (self.taps != 0)
@@ -221,6 +225,27 @@ class CodedAperture:
                 self.first_column.tolist(),
                 f"such that a band lands on the sensor's columns 0..{self.width - 1}: the camera sees nothing",
             )
+        if not self._sees():
+            allowed = (
+                f"such that an open mirror's light lands on columns 0..{self.width - 1} where the sensor responds: the camera sees nothing"
+            )
+            raise InputError("masks", f"{int(self.masks.any(0).sum())} mirrors that open in vain", allowed)
+
+    def _sees(self) -> bool:
+        """Tell whether H has an element that is not 0: masks, response, taps, columns and mosaic together."""
+        lit, columns = self.masks.any(0), self.in_shape[1]
+        for k, t in np.argwhere(self.taps != 0):
+            shift = int(self.first_column[k] + t)
+            first, last = max(0, -shift), min(columns, self.width - shift)
+            responds = self.response[:, k] != 0
+            if first >= last or not responds.any():
+                continue
+            here = lit[:, first:last]
+            if self.mosaic is not None:
+                here = here & responds[self.mosaic[:, first + shift : last + shift]]
+            if here.any():
+                return True
+        return False
 
 
 def empty_cube(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
@@ -296,6 +321,11 @@ def checked_masks(masks: np.ndarray, gray: bool) -> np.ndarray:
         allowed = "in [0, 1]" if gray else "0 or 1 (values between need gray=True)"
         raise InputError("masks", float(values[where]), f"{allowed}; first bad (shot, row, column) is {where}")
     return np.ascontiguousarray(values)
+
+
+def closed_shots(masks: np.ndarray) -> list[int]:
+    """Return the shots of masks (L, M, N) that are 0 everywhere."""
+    return [l for l, mask in enumerate(masks) if not mask.any()]
 
 
 def checked_response(response: np.ndarray) -> np.ndarray:

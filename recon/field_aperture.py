@@ -187,6 +187,10 @@ class FieldAperture:
         """Count the shots whose mask is a copy of an earlier shot's: they add light, but no rank."""
         return self.masks.shape[0] - len({shot.tobytes() for shot in self.masks})
 
+    def closed_shots(self) -> list[int]:
+        """Return the shots whose mask is closed everywhere: their frames hold nothing."""
+        return simple.closed_shots(self.masks)
+
     def rows_only(self, share: float = 1.0) -> CodedAperture:
         """Return the nearest camera whose rows don't couple, with the weights of the field's middle.
 

@@ -24,6 +24,7 @@ from recon.solution import Stop
 
 OnIteration = Callable[[int, float], None]
 LARGEST = 1e100  # a frame value whose square is still far from overflow
+PROBE = 4099  # random numbers that tell whether an operator is 0
 
 
 @dataclass(frozen=True)
@@ -167,14 +168,16 @@ def prepare(
     """Check and normalise, as ``pose``, with a penalty that is bound already to the operator's shape and type."""
     values = checked_frames(frames, operator.out_shape)
     root = None if noise is None else root_weights(noise, operator.out_shape)
-    if root is not None:
-        values *= root
-    light = float(np.abs(values).max())
-    if light == 0:
+    if not values.any():
         return None
     inner, strength = normalised(operator)
     if root is not None:
         inner = RowWeighted(inner, root)
+        values *= root
+    _require_light(inner, root)
+    light = float(np.abs(values).max())
+    if light == 0:
+        return None
     unit = light / strength
     if not (math.isfinite(unit) and unit > 0):
         raise InputError("frames", light, f"such that frames / response is a finite number; the operator's largest weight is {strength:g}")
@@ -194,6 +197,24 @@ def normalised(operator: LinearOperator) -> tuple[LinearOperator, float]:
         inner, strength = normalised(operator.operator)
         return RowWeighted(inner, operator.weights), strength
     return operator.normalised() if isinstance(operator, CodedAperture | FieldAperture | Adapted) else (operator, 1.0)
+
+
+def _require_light(operator: LinearOperator, root: np.ndarray | None) -> None:
+    """Refuse a weighted or field-dependent operator that is 0; a ``CodedAperture`` and ``Adapted`` tell by themselves.
+
+    Random numbers cancel nowhere. A short series of them repeated costs no time; before a refusal all are drawn.
+    """
+    if isinstance(operator, CodedAperture | Adapted):
+        return
+    draw, size = np.random.Generator(np.random.Philox(0)), int(np.prod(operator.in_shape))
+    for length in (min(size, PROBE), size):
+        probe = np.resize(draw.standard_normal(length), operator.in_shape).astype(operator.dtype)
+        if operator.forward(probe).any():
+            return
+    if root is None:
+        raise InputError("operator", 0.0, "different from 0 on the sensor: the camera sees nothing")
+    allowed = "finite at measurements that see light: the camera sees nothing at those that count"
+    raise InputError("noise", f"finite at {int((root > 0).sum())} of {root.size} measurements", allowed)
 
 
 def root_weights(noise: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

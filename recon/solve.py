@@ -174,9 +174,15 @@ def _notes(operator: LinearOperator) -> tuple[str, ...]:
     if not isinstance(operator, CodedAperture | FieldAperture):
         return ()
     shots, repeated = operator.out_shape[0], operator.repeated_shots()
-    notes = []
+    notes, closed = [], operator.closed_shots()
+    if closed:
+        notes.append(f"{len(closed)} of {shots} shots have a mask that is closed everywhere and tell nothing: {_listed(closed)}")
     if repeated:
         notes.append(f"{shots} shots share {shots - repeated} different masks: a repeated mask adds light, but the rank of H does not grow")
     if operator.masks.min() == 1:
         notes.append("all masks are fully open: the frames are not coded")
     return tuple(notes)
+
+
+def _listed(numbers: list[int]) -> str:
+    return ", ".join(map(str, numbers[:12])) + (", ..." if len(numbers) > 12 else "")

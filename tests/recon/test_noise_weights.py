@@ -177,3 +177,36 @@ def test_variances_that_cannot_be_are_refused(noise, camera_of):
 def test_weights_have_mean_one_over_what_counts_at_any_scale(scale):
     root = root_weights(np.array([1.0, 4.0, np.inf, 1.0]) * scale, (4,))
     np.testing.assert_allclose(root**2, np.array([4, 1, 0, 4]) / 3)
+
+
+@pytest.mark.parametrize("kind", ["coded", "field", "foreign"])
+def test_X7_variances_that_leave_no_measurement_with_light_are_refused(kind, camera_of):
+    camera = camera_of("mono", 2, 8, 3)
+    camera = camera.replace(masks=camera.masks * (np.arange(8) < 3))  # the detector's right side is dark
+    operator = camera
+    if kind == "field":
+        spread = Spread(taps=np.ones((3, 1, 1, 1, 1)), first_row=np.zeros((3, 1, 1), int), first_column=np.arange(3)[:, None, None])
+        operator = FieldAperture(camera.masks, camera.response, spread, width=camera.width, dtype=np.float64)
+    elif kind == "foreign":
+        shapes = {"in_shape": camera.in_shape, "out_shape": camera.out_shape, "dtype": camera.dtype}
+        operator = type("Foreign", (), {**shapes, "forward": staticmethod(camera.forward), "adjoint": staticmethod(camera.adjoint)})()
+    lit = camera.dense().any(1).reshape(2, 1, -1, 8).transpose(0, 1, 3, 2)
+    noise = np.where(lit, np.inf, 1.0)
+    for value in (1.0, 0.0):  # of the pixels that count
+        frames = np.where(lit, 1.0, value)
+        with pytest.raises(InputError, match=rf"^noise: must be finite at measurements that see light.*{(~lit).sum()} of 160"):
+            reconstruct(operator, frames, noise=noise)
+    noise[tuple(np.argwhere(lit)[5])] = 1.0
+    assert reconstruct(operator, np.ones(camera.out_shape), noise=noise).cube.any()
+    with pytest.raises(InputError, match=r"^operator: must be different from 0.*sees nothing"):
+        reconstruct(RowWeighted(operator, ~lit), np.ones(camera.out_shape))
+
+
+def test_X7_closed_shots_are_listed_in_the_notes(camera_of, cube_of):
+    camera = camera_of("bayer", 4, 8, 3)
+    masks = camera.masks.copy()
+    masks[[1, 3]] = 0
+    some = camera.replace(masks=masks)
+    notes = reconstruct(some, some.forward(cube_of(8, 3))).notes
+    assert any(note.startswith("2 of 4 shots have a mask that is closed everywhere") and note.endswith(": 1, 3") for note in notes)
+    assert not any("closed" in note for note in reconstruct(camera, camera.forward(cube_of(8, 3))).notes)

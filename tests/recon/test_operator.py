@@ -195,6 +195,44 @@ def test_X7_a_camera_that_sees_nothing_is_refused_by_name(camera_of):
         operator.replace(first_column=np.arange(4) + 1000)
 
 
+def test_X7_masks_columns_and_mosaic_are_judged_together():
+    """Each of them lets light through by itself; the dense H of what is accepted has an element, of what is refused none."""
+    column0, blind_curve = np.zeros((1, 8, 8)), np.array([[0.0, 0, 0, 0], [1, 1, 1, 1]])
+    column0[:, :, 0] = 1
+    with pytest.raises(InputError, match=r"^masks: must be such that.*columns 0\.\.7.*camera sees nothing, got '8 mirrors"):
+        CodedAperture(column0, np.ones((1, 2)), np.array([-3, -4]), np.ones((2, 1)), width=8)
+    assert CodedAperture(column0, np.ones((1, 2)), np.array([-3, 0]), np.ones((2, 1)), width=8).dense().any()
+    mosaic = np.zeros((8, 11), int)
+    arguments = (np.ones((1, 8, 8)), blind_curve, np.arange(4), np.ones((4, 1)))
+    with pytest.raises(InputError, match=r"^masks: must be such that.*camera sees nothing"):
+        CodedAperture(*arguments, mosaic=mosaic)
+    mosaic[7, 10] = 1
+    assert np.count_nonzero(CodedAperture(*arguments, mosaic=mosaic).dense()) == 1
+    mosaic[7, 10], mosaic[3, 5] = 0, 1
+    with pytest.raises(InputError, match="camera sees nothing"):
+        CodedAperture(column0, *arguments[1:], mosaic=mosaic)
+
+
+def test_X7_every_random_camera_is_refused_exactly_when_its_matrix_is_zero():
+    draw = np.random.Generator(np.random.Philox(8))
+    refused = 0
+    for _ in range(300):
+        masks = draw.random((1, 2, 3)) < 0.25
+        response, taps = draw.random((2, 2)) * (draw.random((2, 2)) < 0.4), draw.random((2, 2)) * (draw.random((2, 2)) < 0.5)
+        first, mosaic = draw.integers(-3, 4, 2), draw.integers(0, 2, (2, 4))
+        h = 0.0
+        for m, n, k, t in np.ndindex(2, 3, 2, 2):
+            j = n + first[k] + t
+            h += masks[0, m, n] * taps[k, t] * response[mosaic[m, j], k] if 0 <= j < 4 else 0
+        if h:
+            CodedAperture(masks, response, first, taps, mosaic=mosaic, width=4)
+        else:
+            refused += 1
+            with pytest.raises(InputError, match="sees nothing"):
+                CodedAperture(masks, response, first, taps, mosaic=mosaic, width=4)
+    assert 30 < refused < 270
+
+
 def test_wrong_shapes_and_values_name_their_field(camera_of):
     operator = camera_of("bayer", 1, 6, 4)
     cases = {

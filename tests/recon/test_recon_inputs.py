@@ -1,0 +1,38 @@
+"""What a solve is handed, by people and by programs: refused by name, with the value and its place, or taken as it is meant."""
+
+import numpy as np
+import pytest
+
+from recon import FieldAperture, InputError, Spread, reconstruct
+
+
+class Matrix:
+    """A dense matrix as an operator with forward and adjoint only."""
+
+    def __init__(self, matrix, in_shape, dtype=np.float64):
+        self.matrix, self.in_shape, self.out_shape, self.dtype = np.asarray(matrix), in_shape, (len(matrix),), dtype
+
+    def forward(self, x):
+        return self.matrix @ x.ravel()
+
+    def adjoint(self, y):
+        return (self.matrix.T @ y).reshape(self.in_shape)
+
+
+@pytest.mark.parametrize("signs", [(1, 1), (1, -1)])
+def test_X7_a_tiny_operator_in_which_signs_cancel_is_not_taken_for_dark(signs):
+    found = reconstruct(Matrix([signs], (1, 1, 2)), np.array([3.0]))
+    np.testing.assert_allclose(found.cube.ravel(), 1.5 * np.array(signs), atol=1e-12)
+    with pytest.raises(InputError, match="sees nothing"):
+        reconstruct(Matrix([(0, 0)], (1, 1, 2)), np.array([3.0]))
+
+
+def test_X7_a_field_camera_whose_pixels_are_all_blind_is_refused_when_it_is_used():
+    spread = Spread(taps=np.ones((2, 1, 1, 1, 1)), first_row=np.zeros((2, 1, 1), int), first_column=np.arange(2)[:, None, None])
+    mosaic = np.zeros((4, 5), int)
+    response = np.array([[0.0, 0.0], [1.0, 1.0]])
+    blind = FieldAperture(np.ones((1, 4, 4)), response, spread, mosaic=mosaic)
+    with pytest.raises(InputError, match=r"^operator: must be different from 0 on the sensor: the camera sees nothing"):
+        reconstruct(blind, np.ones(blind.out_shape))
+    mosaic[2, 3] = 1
+    assert reconstruct(blind.replace(mosaic=mosaic), np.ones(blind.out_shape)).cube.any()
