@@ -16,6 +16,7 @@ from optsim.cli.data_words import (
     crop_of,
     mosaic_of,
     range_of,
+    require_plausible,
     response_of,
     shifts_of,
     unit_masks,
@@ -81,10 +82,11 @@ def import_measurement(
     ] = None,
     response: Annotated[str | None, Parameter(help="Response of each band, a list; 1 if absent. Channels apart by semicolons.")] = None,
     cfa: Annotated[Path | None, Parameter(help="Colour mosaic: the index (from 0) of each pixel's curve in --response.")] = None,
-    offset: Annotated[float, Parameter(help="Level of the frames without light.")] = 0.0,
+    offset: Annotated[float, Parameter(help="Level of the frames without light, in their own unit.")] = 0.0,
 ) -> None:
     """Bring in a measurement that optsim did not make: frames, mask and shifts."""
     from optsim.camera.elsewhere import frames_from
+    from optsim.camera.elsewhere_doubts import doubts
     from optsim.files import writable, write
     from optsim.files.arrays import read_pictures
     from optsim.files.reader import Reader
@@ -96,14 +98,18 @@ def import_measurement(
     stack_axes = None if axes is None else tuple(word.strip() for word in axes.split(","))
     with Reader() as reader:
         values = read_pictures(frames, FRAME_NAMES, variable=variable, axes=stack_axes, reader=reader)
-        masks, factor = unit_masks(read_pictures(mask, MASK_NAMES, variable=mask_variable, reader=reader))
+        shown = read_pictures(mask, MASK_NAMES, variable=mask_variable, reader=reader)
         mosaic = None if cfa is None else mosaic_of(read_pictures(cfa, ("cfa", "mosaic"), reader=reader))
+    require_plausible(values, shown, offset)
+    masks, factor = unit_masks(shown)
     if response is None and mosaic is None:
         chi = chi.repeat(values.shape[1], axis=0)
     attrs = {"offset": offset, "source_frames": frames.name, "source_mask": mask.name}
     measured = frames_from(values, masks, shift_px, bands, response=factor * chi, mosaic=mosaic, attrs=attrs)
     write(measured, output)
     wrote(output, measured["frames"].shape, f"(shot, channel, y, x), {bands.count} bands {shift_px[0]:g} to {shift_px[-1]:g} px")
+    for sentence in doubts(measured):
+        print(f"note: {sentence}", file=sys.stderr)
 
 
 def export(

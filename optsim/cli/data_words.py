@@ -134,6 +134,25 @@ def unit_masks(stack: np.ndarray) -> tuple[np.ndarray, float]:
     return masks / peak, 1.0 if masks.dtype.kind in "iu" else peak
 
 
+def require_plausible(frames: np.ndarray, masks: np.ndarray, offset: float) -> None:
+    """Refuse a frame that was given as its own mask, and an offset that leaves no light.
+
+    Raises:
+        InputError: ``--mask`` or ``--offset``.
+    """
+    import math
+
+    import numpy as np
+
+    if np.array_equal(frames, masks):
+        raise InputError("--mask", "the numbers of the frames", "the mask: transmissions, another array than the frames")
+    if not math.isfinite(offset):
+        raise InputError("--offset", offset, "a finite number, in the frames' unit")
+    brightest = float(frames.max()) if frames.size else 0.0
+    if offset != 0 and brightest <= offset:
+        raise InputError("--offset", offset, f"below {brightest:g}, the frames' largest value, in their unit")
+
+
 def mosaic_of(stack: np.ndarray) -> np.ndarray:
     """Return (y, x) whole numbers."""
     import numpy as np
