@@ -179,8 +179,8 @@ def settings_told(config: ClaimsConfig) -> list[str]:
 def _scores() -> str:
     return (
         f"PSNR is the mean over the {Bands.paper().count} bands of 10 log10(peak² / mean squared error of the band). The peak is the "
-        "largest value of the whole true cube, one for all bands, so a band with little light scores high at the same relative error. "
-        "A band that came out exact would be left out of the mean. Estimates are compared as they are: neither scaled nor clipped."
+        "largest value of the whole true cube, one for all bands, so a band with little light scores high at the same relative error. A "
+        "band that came out exact would be left out of the mean. Estimates are compared as they are: neither scaled nor clipped."
     )
 
 
@@ -192,12 +192,12 @@ def _priors(config: ClaimsConfig) -> str:
     quality: Any = best_prior()
     return (
         f"The l1 prior is the paper’s: coefficients of wavelet {DEFAULT_WAVELET}, periodised, at full depth (levels: {levels}), times the "
-        f"orthonormal DCT over all bands. The quality mode’s prior is {quality.share:g} total variation and {1 - quality.share:g} l1 of wavelet "
-        f"{quality.wavelet}, both of spectral coefficients weighted by their usual strength to the power of −{quality.power:g}; the "
-        "spectral basis is learned from colour samples that no scene here is painted with. Basis pursuit stops at relative residuals of "
-        f"{PURSUIT_TOLERANCE:g} or after {BasisPursuit().max_iterations} iterations, ADMM on Eq. 4 at {Admm().tolerance:g} or after "
-        f"{Admm().max_iterations}. A solve that stopped for its iterations counts as not converged in the "
-        "table of solves and stays in all numbers."
+        f"orthonormal DCT over all bands. The quality mode’s prior is {quality.share:g} total variation and {1 - quality.share:g} l1 of "
+        f"wavelet {quality.wavelet}, both of spectral coefficients weighted by their usual strength to the power of −{quality.power:g}; "
+        "the spectral basis is learned from colour samples that no scene here is painted with. Basis pursuit stops at relative residuals "
+        f"of {PURSUIT_TOLERANCE:g} or after {BasisPursuit().max_iterations} iterations, ADMM on Eq. 4 at {Admm().tolerance:g} or after "
+        f"{Admm().max_iterations}. A solve that stopped for its iterations counts as not converged in the table of solves and stays in all "
+        "numbers."
     )
 
 
@@ -216,21 +216,21 @@ def _tau() -> str:
     held, known = AutoTau(), Discrepancy()
     return (
         f"Grids of tau / tau_max: {told}. The automatic rule leaves out {percent(held.share)} of the detector’s pixels with all their "
-        f"shots and layers and takes the smallest tau that predicts them nearly as well as the best (within {percent(held.slack)}, and within one "
-        f"standard error). Under noise tau is interpolated to where the misfit is {known.target:g} times what the noise leaves, degrees of "
-        "freedom counted; its variance is known but for the photons, which the measurement itself stands for. On the way every tau gets "
-        f"at most {PATH_ITERATIONS} iterations. The oracle’s tau is the one nearest the truth: no one who measures has it."
+        f"shots and layers and takes the smallest tau that predicts them nearly as well as the best (within {percent(held.slack)}, and "
+        f"within one standard error). Under noise tau is interpolated to where the misfit is {known.target:g} times what the noise leaves, "
+        "degrees of freedom counted; its variance is known but for the photons, which the measurement itself stands for. On the way every "
+        f"tau gets at most {PATH_ITERATIONS} iterations. The oracle’s tau is the one nearest the truth: no one who measures has it."
     )
 
 
 def _trials(config: ClaimsConfig) -> str:
     return (
-        f"Masks: every mirror is open with probability {Bernoulli().p:g}, independently, from a Philox stream keyed by scene, "
-        f"trial, shot and the study’s seed, {config.seed}; both targets share theirs. Noise and calibrations take the trial’s seed. "
-        f"Random scenes are {scene_names(config)[0]} to {scene_names(config)[-1]}. All scenes are lit by {_lamps(config)}. "
-        f"They are rendered once each, at {SUBDIVIDE} wavelengths a band and {SAMPLES} x {SAMPLES} samples a mirror, until the relative rms error is below "
-        f"{config.render_error:g} in every band; data and truth come from the same render, so its grain is part of the scene and no "
-        "error of an estimate, though it is harder to compress than a clean picture."
+        f"Masks: every mirror is open with probability {Bernoulli().p:g}, independently, from a Philox stream keyed by scene, trial, shot "
+        f"and the study’s seed, {config.seed}; both targets share theirs. Noise and calibrations take the trial’s seed. Random scenes are "
+        f"{scene_names(config)[0]} to {scene_names(config)[-1]}. All scenes are lit by {_lamps(config)}. They are rendered once each, at "
+        f"{SUBDIVIDE} wavelengths a band and {SAMPLES} x {SAMPLES} samples a mirror, until the relative rms error is below "
+        f"{config.render_error:g} in every band; data and truth come from the same render, so its grain is part of the scene and no error "
+        "of an estimate, though it is harder to compress than a clean picture."
     )
 
 
@@ -241,19 +241,18 @@ def _models() -> str:
         + "; ".join(f"{data}: {model}" for data, model in told)
         + ". Changed readings give physical data the H of "
         + listing((BELIEFS[KnowsSpots], BELIEFS[KnowsNothing]), "or")
-        + ". Matched data come from the very H that inverts them, as no camera’s do: what they show are upper bounds."
+        + ". Matched data come from the very H that inverts them, as no camera’s do: their scores are optimistic."
     )
 
 
 def _light(config: ClaimsConfig) -> str:
     known = AssumedEfficiencies()
     return (
-        f"Data with noise: {min(_levels(config)):g} to {max(_levels(config)):g} electrons in the brightest pixel of one monochrome shot "
-        f"of full exposure; the other sensors get the same light. Efficiencies are assumed: mono {known.mono:g} and "
-        f"Bayer {known.bayer:g} at their peaks, the Foveon’s layers together {known.foveon_sum:g}. Bands weigh by efficiency times "
-        "radiance: the energy of a photon, which would weigh long waves more for every sensor alike, does not enter. Read noise "
-        f"{READ_NOISE_E:g} electrons, {BITS} bits over "
-        f"{FULL_WELL_E:,.0f} electrons, offset {OFFSET_DN:g} DN; no dark current, no fixed pattern, no time between shots."
+        f"Data with noise: {min(_levels(config)):g} to {max(_levels(config)):g} electrons in the brightest pixel of one monochrome shot of "
+        f"full exposure; the other sensors get the same light. Efficiencies are assumed: mono {known.mono:g} and Bayer {known.bayer:g} at "
+        f"their peaks, the Foveon’s layers together {known.foveon_sum:g}. Bands weigh by efficiency times radiance: the energy of a "
+        f"photon, which would weigh long waves more for every sensor alike, does not enter. Read noise {READ_NOISE_E:g} electrons, {BITS} "
+        f"bits over {FULL_WELL_E:,.0f} electrons, offset {OFFSET_DN:g} DN; no dark current, no fixed pattern, no time between shots."
     )
 
 
@@ -277,8 +276,8 @@ def _saturation(config: ClaimsConfig) -> str:
 
 def _statistics() -> str:
     return (
-        f"Intervals are two-sided, {percent(CONFIDENCE)} each, and not corrected for their number. p values are one-sided and corrected "
-        f"by Holm inside a claim, over its base readings and over its changed ones, to {LEVEL:g}; nothing is corrected across claims, so "
+        f"Intervals are two-sided, {percent(CONFIDENCE)} each, and not corrected for their number. p values are one-sided and corrected by "
+        f"Holm inside a claim, over its base readings and over its changed ones, to {LEVEL:g}; nothing is corrected across claims, so "
         "among many claims without substance some sign may be shown by chance. The interval of a claim about all bands, sensors or steps "
         "is that of its weakest part, and that of a largest gap is the gap’s at one R: parts selected by looking, whose intervals know "
         "nothing of the selection (for “all parts are above 0” the test of the weakest one needs no correction)."
