@@ -233,7 +233,7 @@ class CodedAperture:
 
     def _sees(self) -> bool:
         """Tell whether H has an element that is not 0: masks, response, taps, columns and mosaic together."""
-        lit, columns = self.masks.any(0), self.in_shape[1]
+        lit, columns = np.asarray(self.masks.any(0)), self.in_shape[1]
         for k, t in np.argwhere(self.taps != 0):
             shift = int(self.first_column[k] + t)
             first, last = max(0, -shift), min(columns, self.width - shift)
