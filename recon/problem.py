@@ -261,10 +261,10 @@ def _axes(shape: tuple[int, ...]) -> str:
 
 
 def edge_cases(problem: Problem, tau: float, tau_max: float | None, max_iterations: int) -> Found | None:
-    """Answer Eq. 4 where no iteration is needed: no iterations allowed, or tau at or above tau_max; else None."""
+    """Answer Eq. 4 where no iteration is needed: no iterations allowed, or tau at or above tau_max to rounding; else None."""
     if max_iterations == 0:
         return first_guess(problem, tau, tau_max)
-    if tau_max is not None and tau >= tau_max:
+    if tau_max is not None and tau >= tau_max * (1 - 4 * float(np.finfo(problem.operator.dtype).eps)):
         above = f"tau = {problem.outer_tau(tau):.4g} is at or above tau_max = {problem.outer_tau(tau_max):.4g}: the answer is exactly zero"
         return Found(blank(problem), 0, Stop(above + "; lower tau to see something", True), tau, tau_max)
     return None

@@ -10,6 +10,7 @@ from recon.basis_pursuit import BasisPursuit
 from recon.coded_aperture import CodedAperture
 from recon.errors import InputError
 from recon.fista import Fista
+from recon.gpsr import Gpsr
 from recon.l1 import L1
 from recon.operator import LinearOperator
 from recon.solve import reconstruct
@@ -64,6 +65,22 @@ def test_X2_an_invertible_tiny_system_returns_the_truth_as_dense_lstsq_does():
         cube = reconstruct(operator, frames, tau=tau, solver=solver).cube
         np.testing.assert_allclose(cube, truth, atol=1e-8)
         np.testing.assert_allclose(cube.transpose(2, 1, 0).ravel(), expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("solver", [Admm(), Fista(), Gpsr()], ids=["admm", "fista", "gpsr"])
+def test_X4_the_tau_max_that_a_solution_tells_gives_exactly_zero_when_asked_for(solver, dtype, camera_of, cube_of):
+    for seed in range(24):
+        operator = camera_of(("mono", "bayer", "foveon")[seed % 3], 1 + seed % 2, 8, 4, seed=seed, dtype=dtype)
+        operator = operator.replace(response=operator.response * (0.37 + seed))
+        frames = operator.forward(cube_of(8, 4, seed)) * 1.3**seed
+        top = reconstruct(operator, frames, tau=1e30, solver=solver).tau_max
+        for tau in (top, np.nextafter(top, 0), np.nextafter(top, np.inf), 1.01 * top):
+            found = reconstruct(operator, frames, tau=tau, solver=solver)
+            assert not found.cube.any()
+            assert found.stop.converged
+            assert "tau_max" in str(found.stop)
+        assert reconstruct(operator, frames, tau=0.99 * top, solver=solver).cube.any()
 
 
 @pytest.mark.parametrize(("solver", "tau"), SOLVERS, ids=NAMES)
