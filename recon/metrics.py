@@ -11,10 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from recon.arrays import real_array, require
 from recon.errors import InputError
 
 SSIM_WINDOW = 7
 """Side of the uniform window of the structural similarity, in pixels (Wang et al. 2004 as scikit-image has it)."""
+
+
+AXES = " (y, x, band)"
 
 
 @dataclass(frozen=True)
@@ -212,18 +216,13 @@ def ergas(estimate: np.ndarray, truth: np.ndarray, ratio: float = 1.0) -> Ergas:
 
 
 def _pair(estimate: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    estimate, truth = np.asarray(estimate), np.asarray(truth)
+    estimate, truth = real_array("estimate", estimate, axes=AXES), real_array("truth", truth, axes=AXES)
     if truth.ndim != 3 or 0 in truth.shape:
         raise InputError("truth", truth.shape, "of shape (y, x, wavelength), none of them 0")
     if estimate.shape != truth.shape:
         raise InputError("estimate", estimate.shape, f"of the truth's shape {truth.shape}")
     for name, cube in (("estimate", estimate), ("truth", truth)):
-        finite = np.isfinite(cube)
-        if not finite.all():
-            where = tuple(int(i) for i in np.argwhere(~finite)[0])
-            raise InputError(
-                name, float(cube[where]), f"finite everywhere; {int((~finite).sum())} are not, first bad (y, x, band) is {where}"
-            )
+        require(name, cube, np.isfinite(cube), "finite everywhere", AXES)
     return estimate, truth
 
 

@@ -8,11 +8,12 @@ overflows and every tolerance means the same for 1e-12 and for 1e30. Primes belo
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from recon.adapted import Adapted, adapted
+from recon.arrays import as_double, real_array, require
 from recon.coded_aperture import CodedAperture, empty_cube
 from recon.errors import InputError
 from recon.field_aperture import FieldAperture
@@ -24,6 +25,8 @@ from recon.solution import Stop
 
 OnIteration = Callable[[int, float], None]
 LARGEST = 1e100  # a frame value whose square is still far from overflow
+LEFT_OUT = "; fill them and say noise=inf there to leave them out"
+CUBE_AXES = " (row, column, band)"
 PROBE = 4099  # random numbers that tell whether an operator is 0
 
 
@@ -183,10 +186,7 @@ def prepare(
         raise InputError("frames", light, f"such that frames / response is a finite number; the operator's largest weight is {strength:g}")
     first = None
     if start is not None:
-        guess = np.asarray(start, np.float64)
-        if guess.shape != tuple(operator.in_shape) or not np.isfinite(guess).all():
-            raise InputError("start", guess.shape, f"a finite cube of shape {tuple(operator.in_shape)}")
-        first = (guess / unit).astype(operator.dtype)
+        first = (_checked_start(start, tuple(operator.in_shape)) / unit).astype(operator.dtype)
     exact = np.ascontiguousarray(values / light)
     return Problem(inner, penalty, exact.astype(operator.dtype), exact, light, unit, first, nonnegative=isinstance(penalty, NonNegative))
 
@@ -223,9 +223,11 @@ def root_weights(noise: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     Raises:
         InputError: field ``noise`` for variances that are not positive (infinite leaves a measurement out) or don't fit the frames.
     """
-    variance = np.asarray(noise, np.float64)
-    if np.isnan(variance).any() or (variance <= 0).any() or not np.isfinite(variance).any():
-        raise InputError("noise", float(variance.min(initial=np.inf)), "positive variances in squared units of the frames, some finite")
+    variance = as_double(real_array("noise", noise, axes=_axes(getattr(noise, "shape", ())), instead=LEFT_OUT))
+    allowed = "positive variances in squared units of the frames (inf leaves a measurement out)"
+    require("noise", variance, variance > 0, allowed, _axes(variance.shape))
+    if not np.isfinite(variance).any():
+        raise InputError("noise", "no finite value", f"{allowed}, some finite")
     try:
         full = np.broadcast_to(variance, shape)
     except ValueError:
@@ -240,19 +242,21 @@ def checked_frames(frames: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     Raises:
         InputError: field ``frames``, with the count and the first bad (shot, channel, row, column).
     """
-    values = np.asarray(frames)
+    values = real_array("frames", frames, axes=_axes(shape), instead=LEFT_OUT)
     if values.shape != tuple(shape):
         raise InputError("frames", values.shape, f"of the operator's shape{_axes(shape)} {tuple(shape)}")
-    if not (np.issubdtype(values.dtype, np.floating) or np.issubdtype(values.dtype, np.integer)):
-        raise InputError("frames", str(values.dtype), "real numbers")
-    values = values.astype(np.float64)
-    bad = ~np.isfinite(values)
-    if bad.any():
-        where: tuple[Any, ...] = tuple(int(i) for i in np.argwhere(bad)[0])
-        raise InputError("frames", float(values[where]), f"finite; {int(bad.sum())} values are not, first{_axes(shape)} is {where}")
-    if np.abs(values).max(initial=0.0) > LARGEST:
-        raise InputError("frames", float(np.abs(values).max()), f"at most {LARGEST:g} in absolute value")
+    values = as_double(values)
+    require("frames", values, np.isfinite(values), "finite", _axes(shape))
+    require("frames", values, np.abs(values) <= LARGEST, f"at most {LARGEST:g} in absolute value", _axes(shape))
     return values
+
+
+def _checked_start(start: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    guess = as_double(real_array("start", start, axes=CUBE_AXES))
+    if guess.shape != shape:
+        raise InputError("start", guess.shape, f"a finite cube of shape {shape}")
+    require("start", guess, np.isfinite(guess), "a finite cube", CUBE_AXES)
+    return guess
 
 
 def _axes(shape: tuple[int, ...]) -> str:

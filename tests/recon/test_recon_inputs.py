@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from recon import FieldAperture, InputError, Spread, reconstruct
+from recon.metrics import psnr, rmse, score, spectral_angle
 
 
 class Matrix:
@@ -25,6 +26,35 @@ def test_X7_a_tiny_operator_in_which_signs_cancel_is_not_taken_for_dark(signs):
     np.testing.assert_allclose(found.cube.ravel(), 1.5 * np.array(signs), atol=1e-12)
     with pytest.raises(InputError, match="sees nothing"):
         reconstruct(Matrix([(0, 0)], (1, 1, 2)), np.array([3.0]))
+
+
+def masked(shape, *places):
+    array = np.ma.masked_array(np.ones(shape), mask=np.zeros(shape, bool))
+    for place in places:
+        array[place] = np.ma.masked
+    return array
+
+
+def test_masked_values_are_refused_with_count_and_place_and_empty_masks_are_taken(camera_of):
+    """NumPy forgets the mask on the way into a solve, which would then believe what lies beneath it."""
+    operator = camera_of("mono", 2, 8, 3)
+    frames = masked(operator.out_shape, (1, 0, 2, 3), (1, 0, 5, 6))
+    place = r"first \(shot, channel, row, column\) is \(1, 0, 2, 3\).*noise=inf.*got '2 of 160 masked'"
+    with pytest.raises(InputError, match=r"^frames: must be without masked values, " + place):
+        reconstruct(operator, frames)
+    with pytest.raises(InputError, match=r"^noise: must be without masked values, " + place):
+        reconstruct(operator, np.ones(operator.out_shape), noise=frames)
+    with pytest.raises(InputError, match=r"^start: must be without masked.*first \(row, column, band\) is \(4, 5, 2\)"):
+        reconstruct(operator, np.ones(operator.out_shape), start=masked((8, 8, 3), (4, 5, 2)))
+    plain = reconstruct(operator, np.ones(operator.out_shape))
+    np.testing.assert_array_equal(reconstruct(operator, masked(operator.out_shape), noise=masked((8, 1))).cube, plain.cube)
+    for metric in (score, psnr, rmse, spectral_angle):
+        for pair, name in (
+            ((masked((8, 8, 3), (4, 5, 2)), np.ones((8, 8, 3))), "estimate"),
+            ((np.ones((8, 8, 3)), masked((8, 8, 3), (4, 5, 2))), "truth"),
+        ):
+            with pytest.raises(InputError, match=rf"^{name}: must be without masked values, first \(y, x, band\) is \(4, 5, 2\)"):
+                metric(*pair)
 
 
 def test_X7_a_field_camera_whose_pixels_are_all_blind_is_refused_when_it_is_used():
