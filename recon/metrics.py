@@ -227,6 +227,8 @@ def _pair(estimate: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _peak(truth: np.ndarray, data_range: float | None) -> float:
+    if data_range is not None and not isinstance(data_range, int | float | np.integer | np.floating):
+        raise InputError("data_range", data_range, "one real number above 0 in the cube's unit, or None for the maximum of the true cube")
     peak = float(truth.max()) if data_range is None else float(data_range)
     if not (np.isfinite(peak) and peak > 0):
         source = "the maximum of the true cube" if data_range is None else "the peak asked for"

@@ -21,6 +21,8 @@ from recon.solution import Solution, Stop
 if TYPE_CHECKING:
     from recon.tau import TauChoice, TauRule
 
+REAL_NUMBER = (int, float, np.integer, np.floating)
+
 
 def reconstruct(
     operator: Operator,
@@ -101,15 +103,16 @@ def default_solver(tau: "float | TauRule | None" = None) -> Solver:
 
 
 def check_tau(solver: Solver, tau: "float | TauRule | None") -> None:
-    """Refuse a tau that is no weight, and any tau for a solver that has none."""
+    """Refuse a tau that is no weight and no rule, and any tau for a solver that has none."""
     if tau is None:
         return
     if not solver.needs_tau:
         raise InputError("tau", tau, f"absent with {type(solver).__name__}, which has none; Admm, Fista and Gpsr take one")
-    if callable(getattr(tau, "choose", None)):
+    if not isinstance(tau, np.ndarray | type) and callable(getattr(tau, "choose", None)):
         return
-    if isinstance(tau, bool) or not isinstance(tau, int | float | np.number) or not (math.isfinite(tau) and tau >= 0):
-        raise InputError("tau", tau, "a finite number of at least 0, in squared units of the frames over units of the cube, or a rule")
+    if isinstance(tau, bool) or not isinstance(tau, REAL_NUMBER) or not (math.isfinite(tau) and tau >= 0):
+        allowed = "a finite number of at least 0, in squared units of the frames over units of the cube, or a rule such as AutoTau()"
+        raise InputError("tau", tau, allowed)
 
 
 def _resolved(
@@ -124,7 +127,7 @@ def _resolved(
     from recon.tau import AutoTau, Given
 
     tau = AutoTau() if tau is None else tau
-    if isinstance(tau, int | float | np.number):
+    if isinstance(tau, REAL_NUMBER):
         return float(tau), None
     choice = tau.choose(operator, frames, Given(prior, noise, nonnegative))
     return choice.tau, choice
@@ -152,7 +155,7 @@ def _solution(operator: LinearOperator, problem: Problem, found: Found, notes: t
 def _dark(operator: LinearOperator, solver: Solver, tau: "float | TauRule | None", seconds: float) -> Solution:
     cube = empty_cube(tuple(operator.in_shape), operator.dtype)
     cube[...] = 0
-    weight = (float(tau) if isinstance(tau, int | float | np.number) else 0.0) if solver.needs_tau else None
+    weight = (float(tau) if isinstance(tau, REAL_NUMBER) else 0.0) if solver.needs_tau else None
     stop = Stop("the frames are zero everywhere, and so is the answer", True)
     return Solution(cube, 0.0, stop, 0, weight, seconds, 0.0, None if weight is None else 0.0, _notes(operator))
 

@@ -57,6 +57,31 @@ def test_masked_values_are_refused_with_count_and_place_and_empty_masks_are_take
                 metric(*pair)
 
 
+def test_complex_numbers_are_refused_wherever_numbers_go_in(camera_of, cube_of):
+    operator, cube = camera_of("mono", 1, 8, 3), cube_of(8, 3)
+    frames = operator.forward(cube)
+    for field, given in {"tau": {"tau": np.complex64(0.1)}, "start": {"start": cube + 0j}, "noise": {"noise": frames + 1j}}.items():
+        with pytest.raises(InputError, match=rf"^{field}: must be "):
+            reconstruct(operator, frames, **given)
+    with pytest.raises(InputError, match=r"^tau: must be a finite number.*got 0\.1j"):
+        reconstruct(operator, frames, tau=0.1j)
+    with pytest.raises(InputError, match=r"^frames: must be real numbers, got 'an array of complex128'"):
+        reconstruct(operator, frames + 1j)
+
+
+@pytest.mark.parametrize("kind", [complex, object, str])
+def test_scores_of_what_are_no_real_numbers_are_refused(kind):
+    cube = np.ones((8, 8, 2))
+    for pair, name in (((cube.astype(kind), cube), "estimate"), ((cube, cube.astype(kind)), "truth")):
+        for metric in (score, psnr, rmse, spectral_angle):
+            with pytest.raises(InputError, match=rf"^{name}: must be real numbers, got 'an array of "):
+                metric(*pair)
+    for bad in (1j, "1", [1.0]):
+        with pytest.raises(InputError, match=r"^data_range: must be one real number"):
+            score(cube, cube, bad)
+    assert score(cube.astype(np.int8), cube.tolist()).exact
+
+
 def test_X7_a_field_camera_whose_pixels_are_all_blind_is_refused_when_it_is_used():
     spread = Spread(taps=np.ones((2, 1, 1, 1, 1)), first_row=np.zeros((2, 1, 1), int), first_column=np.arange(2)[:, None, None])
     mosaic = np.zeros((4, 5), int)
