@@ -1,7 +1,8 @@
 """The radiance cube and its spectral bands: the contract that every stage reads and writes.
 
 A cube is an ``xarray.Dataset`` with ``radiance`` (and, from a render, ``stderr``), dims exactly
-``("y", "x", "wavelength")``, in W m^-2 sr^-1 nm^-1. A value is the MEAN of the spectral radiance over its
+``("y", "x", "wavelength")``, in W m^-2 sr^-1 nm^-1; an estimate from a measurement that optsim did not make in
+the unit that this says of itself (``FRAME_UNITS``). A value is the MEAN of the spectral radiance over its
 band, not the integral. Row 0 is the top. Coordinates: ``wavelength`` (band centres, nm, strictly
 increasing), ``band_lower`` and ``band_upper`` (nm).
 """
@@ -21,6 +22,12 @@ if TYPE_CHECKING:
 
 DIMS = ("y", "x", "wavelength")
 UNITS = "W m-2 sr-1 nm-1"
+FRAME_UNITS = ("relative", "electron", "DN")
+"""Units of frames."""
+FOREIGN = "foreign"
+"""Attribute ``model`` of frames that optsim did not make: how they came about is not ours to say."""
+OVER_RESPONSE = " / response"
+CUBE_UNITS = (UNITS, *FRAME_UNITS, *(unit + OVER_RESPONSE for unit in FRAME_UNITS))
 GRID_TOLERANCE_NM = 1e-3
 """Two wavelength grids closer than this are the same grid; farther apart they are refused."""
 MIN_BAND_WIDTH_NM = 1e-3
@@ -182,14 +189,17 @@ class Bands:
         )
 
 
-def make_cube(radiance: np.ndarray, bands: Bands, stderr: np.ndarray | None = None, attrs: Mapping[str, Any] | None = None) -> xr.Dataset:
+def make_cube(
+    radiance: np.ndarray, bands: Bands, stderr: np.ndarray | None = None, attrs: Mapping[str, Any] | None = None, units: str = UNITS
+) -> xr.Dataset:
     """Wrap arrays as a cube Dataset and check it.
 
     Args:
-        radiance: (y, x, wavelength) float32 or float64, W m^-2 sr^-1 nm^-1, finite.
+        radiance: (y, x, wavelength) float32 or float64, in ``units``, finite.
         bands: the K bands of the last axis.
         stderr: Monte Carlo standard error of the same shape, or None.
         attrs: provenance (config digest, seed, versions, variant); values str, int or float.
+        units: one of ``CUBE_UNITS``.
 
     Raises:
         InputError: see :func:`check_cube`.
@@ -200,7 +210,7 @@ def make_cube(radiance: np.ndarray, bands: Bands, stderr: np.ndarray | None = No
         values = np.ascontiguousarray(values)
         if values.dtype not in (np.float32, np.float64):
             values = values.astype(np.float64)
-        return xr.DataArray(values, dims=DIMS, name=name, attrs={"units": UNITS})
+        return xr.DataArray(values, dims=DIMS, name=name, attrs={"units": units})
 
     data = {"radiance": array(radiance, "radiance")}
     if stderr is not None:
@@ -230,8 +240,8 @@ def check_cube(cube: xr.Dataset) -> None:
         raise InputError("radiance.dims", radiance.dims, f"exactly {DIMS}")
     if 0 in radiance.shape:
         raise InputError("radiance.shape", radiance.shape, "at least one pixel and one band")
-    if radiance.attrs.get("units") != UNITS:
-        raise InputError("radiance.units", radiance.attrs.get("units"), repr(UNITS))
+    if radiance.attrs.get("units") not in CUBE_UNITS:
+        raise InputError("radiance.units", radiance.attrs.get("units"), " or ".join(map(repr, CUBE_UNITS)))
     if radiance.dtype not in (np.float32, np.float64):
         raise InputError("radiance.dtype", str(radiance.dtype), "float32 or float64")
     bands_of(cube)
@@ -241,6 +251,17 @@ def check_cube(cube: xr.Dataset) -> None:
             if not finite.all():
                 where = tuple(int(i) for i in np.argwhere(~finite)[0])
                 raise InputError(name, float(cube[name].values[where]), f"finite everywhere; first bad (y, x, band) is {where}")
+
+
+def require_watts(cube: xr.Dataset) -> None:
+    """Refuse a cube that is not in W m^-2 sr^-1 nm^-1, where photons are to be counted.
+
+    Raises:
+        InputError: field ``radiance.units``.
+    """
+    units = cube["radiance"].attrs["units"]
+    if units != UNITS:
+        raise InputError("radiance.units", units, f"{UNITS!r}, as a physical camera counts photons (the matched model takes any unit)")
 
 
 def bands_of(cube: xr.Dataset | xr.DataArray) -> Bands:
@@ -280,7 +301,7 @@ def block_mean(cube: xr.Dataset, n: int) -> xr.Dataset:
         return values.reshape(height // n, n, width // n, n, count).mean((1, 3))
 
     stderr = np.sqrt(blocks("stderr", 2)) / n if "stderr" in cube else None
-    return make_cube(blocks("radiance", 1), bands_of(cube), stderr, cube.attrs)
+    return make_cube(blocks("radiance", 1), bands_of(cube), stderr, cube.attrs, cube["radiance"].attrs["units"])
 
 
 def band_mean(cube: xr.Dataset, bands: Bands) -> xr.Dataset:
@@ -305,4 +326,5 @@ def band_mean(cube: xr.Dataset, bands: Bands) -> xr.Dataset:
         )
     weights = overlap / covered
     stderr = cube["stderr"].values.astype(np.float64) @ weights if "stderr" in cube else None
-    return make_cube(cube["radiance"].values.astype(np.float64) @ weights, bands, stderr, cube.attrs)
+    units = cube["radiance"].attrs["units"]
+    return make_cube(cube["radiance"].values.astype(np.float64) @ weights, bands, stderr, cube.attrs, units)

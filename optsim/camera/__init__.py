@@ -14,7 +14,7 @@ from optsim.camera.effects import EFFECTS, Effect, effect_named, ranked, reduced
 from optsim.camera.field_maps import MAPPINGS, FieldPolynomial, ParaxialMap, WholePixel
 from optsim.camera.fine import Interpolate
 from optsim.camera.fixed_pattern import fixed_pattern
-from optsim.camera.frames import band_model_of, check_frames, signal_of, with_unit_shifts
+from optsim.camera.frames import band_model_of, check_frames, cube_units_of, signal_of, with_unit_shifts
 from optsim.camera.glass import AIR, Glass, glass, glass_names
 from optsim.camera.knowledge import Assumed, Exact, OwnShifts, UnitShift
 from optsim.camera.known_noise import noise_variance
@@ -84,6 +84,7 @@ __all__ = [
     "band_model_of",
     "bin_layers",
     "check_frames",
+    "cube_units_of",
     "defects",
     "effect_named",
     "every_sensor",

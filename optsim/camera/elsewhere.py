@@ -11,14 +11,12 @@ from numpy.typing import ArrayLike
 from optsim.camera.band_model import BandModel
 from optsim.camera.dmd import check_masks
 from optsim.camera.frames import make_frames
-from optsim.cube import Bands
+from optsim.cube import FOREIGN, Bands
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-FOREIGN = "foreign"
-"""Attribute ``model`` of such data: how they came about is not ours to say."""
 CURVES = {1: ("mono",), 3: ("red", "green", "blue")}
 SENSORS = {1: "mono", 3: "foveon"}
 

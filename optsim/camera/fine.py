@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import numpy as np
 
 from optsim.camera.model import Model, ranged
-from optsim.cube import Bands, bands_of, check_cube
+from optsim.cube import Bands, bands_of, check_cube, require_watts
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,13 +42,14 @@ class FineCube:
         cover_nm: interpolated bands are extended (held constant) to these wavelengths.
 
     Raises:
-        InputError: field ``cube`` (too coarse, naming the remedy; wrong size; gaps), or see ``check_cube``.
+        InputError: field ``cube`` (too coarse, naming the remedy; wrong size; gaps), or see ``check_cube`` and ``require_watts``.
     """
 
     def __init__(
         self, cube: xr.Dataset, bands: Bands, size: tuple[int, int], interpolate: Interpolate | None, cover_nm: tuple[float, float]
     ) -> None:
         check_cube(cube)
+        require_watts(cube)
         self._radiance = cube["radiance"].values
         if self._radiance.min() < 0:
             raise InputError("radiance", float(self._radiance.min()), "at least 0 everywhere")

@@ -9,7 +9,7 @@ import numpy as np
 
 from optsim.camera.band_model import BandModel
 from optsim.camera.frames_form import FIELD, check_form
-from optsim.cube import Bands
+from optsim.cube import CUBE_UNITS, FOREIGN, FRAME_UNITS, OVER_RESPONSE, UNITS, Bands
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ READABLE = ("optsim-frames-1", FORMAT)
 
 REQUIRED = ("frames", "mask", "response", "shift_px", "first_column", "tap")
 OPTIONAL = ("first_row", "mirror", "pixel_gain", "layer_bin")
-UNITS = ("relative", "electron", "DN")
 CHANNEL_NAMES = {1: ("sensor",), 3: ("red", "green", "blue")}
 
 
@@ -105,8 +104,10 @@ def check_frames(frames: xr.Dataset) -> None:
         if not np.isfinite(frames[name].values).all():
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(frames[name].values))[0])
             raise InputError(name, "not finite", f"finite everywhere; first bad index is {where}")
-    if frames.attrs.get("units") not in UNITS:
-        raise InputError("units", frames.attrs.get("units"), f"one of {', '.join(UNITS)}")
+    if frames.attrs.get("units") not in FRAME_UNITS:
+        raise InputError("units", frames.attrs.get("units"), f"one of {', '.join(FRAME_UNITS)}")
+    if frames.attrs.get("cube_units", UNITS) not in CUBE_UNITS:
+        raise InputError("cube_units", frames.attrs["cube_units"], f"one of {', '.join(map(repr, CUBE_UNITS))}, or absent")
 
 
 def band_model_of(frames: xr.Dataset) -> BandModel:
@@ -145,6 +146,21 @@ def signal_of(frames: xr.Dataset) -> np.ndarray:
     """Return (L, C, M, W) float64 frames minus their level without light: what H times the cube explains."""
     check_frames(frames)
     return frames["frames"].values.astype(np.float64) - float(frames.attrs.get("offset", 0.0))
+
+
+def cube_units_of(frames: xr.Dataset) -> str:
+    """Return the unit of a cube that is reconstructed from these frames: frames-units over response.
+
+    That is W m^-2 sr^-1 nm^-1 for our own cameras, whose responses refer to it. Foreign frames have their own unit over that of
+    their responses, which nobody knows, unless they say in ``cube_units`` what it comes to.
+    """
+    check_frames(frames)
+    if "cube_units" in frames.attrs:
+        return str(frames.attrs["cube_units"])
+    if frames.attrs.get("model") != FOREIGN:
+        return UNITS
+    units = str(frames.attrs["units"])
+    return units if (frames["response"].values == 1).all() else units + OVER_RESPONSE
 
 
 def with_unit_shifts(frames: xr.Dataset) -> xr.Dataset:

@@ -10,7 +10,7 @@ from optsim.camera.band_model import BandModel, matched_model
 from optsim.camera.frames import make_frames
 from optsim.camera.noise import Noise, expose
 from optsim.camera.sensor import Sensor
-from optsim.cube import bands_of, check_cube
+from optsim.cube import UNITS, bands_of, check_cube
 from optsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def measure_matched(
         InputError: ``masks``, ``radiance``, ``sensor.curve``, ``fill`` or as :func:`optsim.camera.noise.expose`.
     """
     check_cube(cube)
-    radiance = cube["radiance"].values
+    radiance, radiance_units = cube["radiance"].values, cube["radiance"].attrs["units"]
     model = matched_model(sensor, bands_of(cube), masks)
     if model.masks.shape[1:] != radiance.shape[:2]:
         raise InputError("masks", model.masks.shape[1:], f"of the cube's size {radiance.shape[:2]}, one mirror a cube pixel")
@@ -57,6 +57,8 @@ def measure_matched(
     else:  # H = 0 is refused as an operator, but closed mirrors are a valid measurement
         values = np.zeros((model.masks.shape[0], sensor.channels, radiance.shape[0], model.width))
     attrs = {"units": "relative", "model": "matched", "masks": masks_name, "seed": seed, "operator": "unit-shift", "versions": versions()}
+    if radiance_units != UNITS:
+        attrs["cube_units"] = radiance_units
     if noise is not None:
         if not 0 < fill <= 1:
             raise InputError("fill", fill, "in (0, 1]")

@@ -99,7 +99,8 @@ class Monochromator(Model):
         images = cube["radiance"].values.astype(np.float64) @ (weights / weights.sum(0))
         if noise is not None:
             images = _recorded(images, noise, full_well_e, fill, seed)
-        return make_cube(images.astype(np.float32), steps, attrs={"source": "monochromator", "seed": seed})
+        units = cube["radiance"].attrs["units"]
+        return make_cube(images.astype(np.float32), steps, attrs={"source": "monochromator", "seed": seed}, units=units)
 
     def white(self, center_nm: float, fine: Bands, size: tuple[int, int], width_nm: float | None = None) -> xr.Dataset:
         """Return the radiance of a white target at one step, as a cube of ``fine`` bands and (rows, columns) pixels.

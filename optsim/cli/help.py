@@ -47,7 +47,7 @@ Another prism, lens or pixel is a camera file in TOML (docs/files.md): `--physic
 Of the camera's effects, `--physical` models those that `--error` (0.001) requires; `--error 0` models all, `--force` and `--without`
 name single ones, `optsim explain --camera` ranks them.
 """,
-    "reconstruct": """Recover the cube from frames, in the cube's own units.
+    "reconstruct": """Recover the cube from frames, in the cube's own units; from a foreign measurement in frames-units over response.
 
 Basis pursuit fits the frames exactly and needs no tau: the default for matched frames without noise. admm, gpsr and fista
 minimise ||g - H Psi theta||^2 + tau ||theta||_1; admm with an automatic tau is the default for noisy and physical frames,

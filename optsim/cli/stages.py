@@ -47,7 +47,7 @@ def reconstruct(
     max_iterations: Annotated[int | None, Parameter(help="Stop there at the latest.")] = None,
     debias: Annotated[bool, Parameter(help="With gpsr: refit the coefficients that are not zero.", negative="")] = False,
 ) -> None:
-    """Recover the cube from frames; the estimate comes back in the cube's own units."""
+    """Recover the cube from frames; the estimate comes back in the cube's units, of a foreign measurement in frames-units over response."""
     from optsim.camera import check_frames, with_unit_shifts
     from optsim.files import read, writable, write
     from optsim.study.inverse import estimate_of, invert
@@ -92,13 +92,17 @@ def score(
     json: Annotated[bool, Parameter(help="Print one JSON object and nothing else.", negative="")] = False,
 ) -> None:
     """Compare an estimate with the true cube: PSNR (mean over bands; peak = the truth's maximum), SSIM, spectral angle, RMSE."""
-    from optsim.cube import bands_of, require_same_bands
+    from optsim.cube import UNITS, bands_of, require_same_bands
     from optsim.files import read_cube
+    from optsim.report.units import cube_unit
     from recon.metrics import score as compare
 
     a = read_cube(estimate)
     b = _reduced(read_cube(truth), a)
     require_same_bands(bands_of(b), bands_of(a), "ESTIMATE")
+    mine, true = (units if units == UNITS else cube_unit(units) for units in (str(cube["radiance"].attrs["units"]) for cube in (a, b)))
+    if mine != true:
+        print(f"note: the estimate is in {mine}, the truth in {true}: they are compared as numbers", file=sys.stderr)
     scores = compare(a["radiance"].values, b["radiance"].values)
     if json:
         print_json(scores.as_dict())
@@ -107,11 +111,11 @@ def score(
     def figure(value: float | None, form: str, unit: str) -> str:
         return "exact" if value is None and scores.exact else "not defined" if value is None else f"{value:{form}} {unit}".strip()
 
-    print(f"PSNR, mean over bands   {figure(scores.psnr_db, '.2f', 'dB')}   (peak {scores.data_range:.4g} {a['radiance'].attrs['units']})")
+    print(f"PSNR, mean over bands   {figure(scores.psnr_db, '.2f', 'dB')}   (peak {scores.data_range:.4g} {true})")
     print(f"PSNR, pooled            {figure(scores.psnr_pooled_db, '.2f', 'dB')}")
     print(f"SSIM, mean over bands   {figure(scores.ssim, '.4f', '')}")
     print(f"spectral angle, mean    {figure(scores.sam_deg, '.2f', 'deg')}")
-    print(f"RMSE                    {scores.rmse:.4g} {a['radiance'].attrs['units']}")
+    print(f"RMSE                    {scores.rmse:.4g} {true}")
 
 
 def _reduced(truth: xr.Dataset, estimate: xr.Dataset) -> xr.Dataset:

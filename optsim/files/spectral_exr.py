@@ -1,8 +1,8 @@
 """Spectral OpenEXR in the layout of Fichet, Pacanowski, Wilkie, JCGT 10(3), 2021.
 
 One float32 channel a band, ``S0.454,583333nm`` (unpolarised, emissive; the decimal mark is a comma because a dot
-separates layers). Band edges, standard error and provenance, which the layout does not know, travel in own
-attributes and in channels ``stderr.454,583333nm`` that other readers skip.
+separates layers). Band edges, standard error, provenance and units that are not W m^-2 sr^-1 nm^-1, which the layout does not know,
+travel in own attributes and in channels ``stderr.454,583333nm`` that other readers skip.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from optsim.cube import UNITS as WATTS
 from optsim.cube import Bands, bands_of, make_cube
 from optsim.errors import InputError
 from optsim.files.guard import atomic_path, declared_size, regular_file
@@ -50,11 +51,12 @@ def write_exr(cube: xr.Dataset, path: Path) -> None:
         raise InputError("wavelength_nm", bands.center.tolist(), "distinct at 1e-6 nm, the resolution of EXR channel names")
     if not all(np.isfinite(array).all() for array in pixels.values()):
         raise InputError("radiance", "overflow", "within float32, up to 3.4e38")
+    units = str(cube["radiance"].attrs["units"])
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "spectralLayoutVersion": "1.0",
-        "emissiveUnits": UNITS,
+        **({"emissiveUnits": UNITS} if units == WATTS else {"optsimUnits": units}),
         "optsimBands": json.dumps({"lower_nm": bands.lower.tolist(), "upper_nm": bands.upper.tolist(), "center_nm": bands.center.tolist()}),
         "optsimAttributes": json.dumps({str(k): _plain(v) for k, v in cube.attrs.items()}, sort_keys=True),
     }
@@ -102,7 +104,7 @@ def read_exr(path: Path) -> xr.Dataset:
         raise InputError("file", str(path), f"a readable OpenEXR file ({error})") from None
     centers = np.array([nm for nm, _ in named["S0"]])
     attrs = json.loads(header.get("optsimAttributes", "{}"))
-    return make_cube(stacks["S0"], _bands(path, header, centers), stacks.get("stderr"), attrs)
+    return make_cube(stacks["S0"], _bands(path, header, centers), stacks.get("stderr"), attrs, str(header.get("optsimUnits", WATTS)))
 
 
 def _sorted_channels(path: Path, header: dict[str, Any]) -> dict[str, list[tuple[float, str]]]:

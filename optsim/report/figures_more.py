@@ -12,6 +12,7 @@ from optsim.report.figures_target import RADIANCE, window_box
 from optsim.report.gallery import Gallery, finest_window
 from optsim.report.select import ratio_text
 from optsim.report.style import COLORS, DASHES, INK, MUTED, Drawn, new_figure, picture, save
+from optsim.report.units import frame_unit
 from optsim.report.verdict import MAIN_R
 from optsim.report.wording import model_text
 
@@ -54,10 +55,7 @@ def figure_frames(gallery: Gallery, target: str, directory: Path, model: str = "
         )
         window_box(axes[0, column], window, "#FFD400")
         if f.values.shape[1] == 1:
-            unit = {"relative": "sum of band radiances, W m⁻² sr⁻¹ nm⁻¹", "electron": "signal, electrons", "DN": "signal, DN"}.get(
-                f.units, f.units
-            )
-            figure.colorbar(shown, ax=axes[0, column], location="bottom", shrink=0.8, aspect=30).set_label(unit)
+            figure.colorbar(shown, ax=axes[0, column], location="bottom", shrink=0.8, aspect=30).set_label(frame_unit(f.units, model))
         else:
             axes[0, column].set_xlabel("brightest layer value = full scale", color=MUTED)
     shape = next(iter(frames.values())).values.shape

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optsim.cube import Bands, bands_of
+from optsim.cube import UNITS, Bands, bands_of
 from optsim.errors import InputError
 from optsim.report.color import Exposure, SceneLight, exposure_of, lamps_seen, srgb
 from optsim.report.data import Frames
 from optsim.report.figures_more import frame_image, mark, telling_points
-from optsim.report.figures_target import RADIANCE, chosen_bands, window_box
+from optsim.report.figures_target import chosen_bands, window_box
 from optsim.report.gallery import finest_window
 from optsim.report.style import DPI, MUTED, new_figure, picture, styled
+from optsim.report.units import cube_unit, frame_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -137,7 +138,7 @@ def cube_figure(data: xr.Dataset, points: Sequence[tuple[int, int]] | None, like
     draw_spectra(plot, data, bands, places)
     for number, ((y, x), color) in enumerate(zip(places, POINT_COLORS), start=1):
         mark(view, y, x, number, color)
-    draw_bands(bottom, cube, stderr, bands, index, look.top)
+    draw_bands(bottom, cube, stderr, bands, index, look.top, label=radiance_label(data))
     return figure
 
 
@@ -152,13 +153,20 @@ def draw_spectra(plot: Axes, data: xr.Dataset, bands: Bands, places: list[tuple[
             error = 2 * checked(data.isel(y=y, x=x), "stderr")
             plot.fill_between(bands.center, spectrum - error, spectrum + error, color=color, alpha=0.25, linewidth=0)
     plot.set_xlabel("wavelength, nm")
-    plot.set_ylabel(RADIANCE)
+    plot.set_ylabel(radiance_label(data))
     plot.set_ylim(min(0.0, plot.get_ylim()[0]), None)
     plot.set_title("spectra of single pixels" + (", ±2 standard errors" if "stderr" in data else ""), loc="left")
     plot.legend(loc="best", fontsize=7.5)
 
 
-def draw_bands(panel: SubFigure, cube: np.ndarray, stderr: np.ndarray | None, bands: Bands, index: list[int], top: float) -> None:
+def radiance_label(data: xr.Dataset) -> str:
+    """Return what a cube holds, with its own unit; a file without one is in that of every cube."""
+    return f"radiance, {cube_unit(str(data['radiance'].attrs.get('units', UNITS)))}"
+
+
+def draw_bands(
+    panel: SubFigure, cube: np.ndarray, stderr: np.ndarray | None, bands: Bands, index: list[int], top: float, label: str
+) -> None:
     """Draw bands as grey pictures on one scale up to ``top`` with a colour bar."""
     from matplotlib.colors import PowerNorm
     from matplotlib.ticker import FuncFormatter
@@ -176,9 +184,8 @@ def draw_bands(panel: SubFigure, cube: np.ndarray, stderr: np.ndarray | None, ba
     noise = ""
     if stderr is not None:
         noise = f"; standard error: median {np.median(stderr):.2g}, largest {stderr.max():.2g}"
-    bar.set_label(
-        f"{RADIANCE}: {cube.min():.4g} to {high:.4g}{flat}{noise}; grey by the square root{', below zero black' if cube.min() < 0 else ''}"
-    )
+    dark = ", below zero black" if cube.min() < 0 else ""
+    bar.set_label(f"{label}: {cube.min():.4g} to {high:.4g}{flat}{noise}; grey by the square root{dark}")
 
 
 def frames_figure(data: xr.Dataset) -> Figure:
@@ -218,7 +225,7 @@ def frames_figure(data: xr.Dataset) -> Figure:
             near.imshow(values[shot, channel][window], cmap="gray", vmin=low, vmax=high if high > low else low + 1)
         picture(near, "enlarged" + (", pixel colours" if cfa is not None else ""))
     bar = figure.colorbar(image, ax=axes, location="bottom", aspect=60, shrink=0.6)
-    unit = {"relative": "sum of band radiances, W m⁻² sr⁻¹ nm⁻¹", "electron": "electrons", "DN": "digital numbers (DN)"}.get(units, units)
+    unit = frame_unit(units, str(data.attrs.get("model", "")))
     kind = " ".join(str(data.attrs[k]) for k in ("sensor", "masks", "model") if k in data.attrs)
     rest = f"; first {shots} of {values.shape[0]} shots" if values.shape[0] > shots else ""
     bar.set_label(f"{unit}: {values.min():.4g} to {high:.4g}{rest}")

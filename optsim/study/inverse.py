@@ -67,10 +67,12 @@ def invert(
 
 
 def estimate_of(frames: xr.Dataset, solution: Solution) -> xr.Dataset:
-    """Wrap a solution as a cube in the true cube's units, with where it came from.
+    """Wrap a solution as a cube in its unit (:func:`optsim.camera.cube_units_of`), with where it came from.
 
     Wall time is not among the attributes: the same seed gives the same bytes.
     """
+    from optsim.camera import cube_units_of
+
     attrs = {
         "optsim_version": __version__,
         "kind": "estimate",
@@ -83,4 +85,4 @@ def estimate_of(frames: xr.Dataset, solution: Solution) -> xr.Dataset:
     }
     if solution.tau is not None:
         attrs |= {"tau": float(solution.tau)}
-    return make_cube(np.ascontiguousarray(solution.cube), bands_of(frames), attrs=attrs)
+    return make_cube(np.ascontiguousarray(solution.cube), bands_of(frames), attrs=attrs, units=cube_units_of(frames))

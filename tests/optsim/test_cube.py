@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from optsim.cube import PAPER_CENTERS_NM, Bands, band_mean, block_mean, check_cube, make_cube, require_same_bands
+from optsim.cube import PAPER_CENTERS_NM, Bands, band_mean, block_mean, check_cube, make_cube, require_same_bands, require_watts
 from optsim.errors import InputError
 
 
@@ -102,3 +102,13 @@ def test_a_cube_in_other_units_or_order_is_refused():
     wrong["radiance"].attrs["units"] = "W"
     with pytest.raises(InputError, match=r"radiance\.units"):
         check_cube(wrong)
+
+
+def test_averages_keep_the_unit_of_a_cube_and_photons_are_counted_in_watts_only():
+    bands = Bands.parse("500:600:4")
+    relative = make_cube(np.ones((4, 4, 4)), bands, units="DN / response")
+    assert block_mean(relative, 2)["radiance"].attrs["units"] == "DN / response"
+    assert band_mean(relative, Bands.parse("500:600:2"))["radiance"].attrs["units"] == "DN / response"
+    require_watts(make_cube(np.ones((2, 2, 4)), bands))
+    with pytest.raises(InputError, match=r"radiance\.units: must be 'W m-2 sr-1 nm-1'.*got 'DN / response'"):
+        require_watts(relative)
