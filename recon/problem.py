@@ -158,6 +158,9 @@ def pose(
     """
     own = adapted(operator)
     asked = L1() if prior is None else prior
+    if isinstance(asked, type) or not callable(getattr(asked, "bind", None)):
+        allowed = "a prior such as recon.L1() or recon.TotalVariation(), neither a name nor a class; a basis goes into L1(basis=...)"
+        raise InputError("prior", asked, allowed)
     penalty = asked.bind(own.in_shape, own.dtype)
     problem = prepare(own, frames, NonNegative(penalty) if nonnegative else penalty, start, noise)
     if problem is None:

@@ -63,7 +63,10 @@ def reconstruct(
     began = time.perf_counter()
     if solver is None:
         solver = default_solver(tau)
+    check_solver(solver)
     check_tau(solver, tau)
+    if on_iteration is not None and not callable(on_iteration):
+        raise InputError("on_iteration", on_iteration, "a function on_iteration(iteration, objective), or None")
     operator = adapted(operator)
     with pool.use(threads):
         problem = pose(operator, frames, prior, start=start, noise=noise, nonnegative=nonnegative)
@@ -102,13 +105,19 @@ def default_solver(tau: "float | TauRule | None" = None) -> Solver:
     return Admm()
 
 
+def check_solver(solver: Solver) -> None:
+    """Refuse names, classes and whatever else can't solve."""
+    if isinstance(solver, type) or not callable(getattr(solver, "solve", None)) or not isinstance(getattr(solver, "needs_tau", None), bool):
+        raise InputError("solver", solver, "a solver's configuration such as recon.Admm(), neither a name nor a class, or None")
+
+
 def check_tau(solver: Solver, tau: "float | TauRule | None") -> None:
     """Refuse a tau that is no weight and no rule, and any tau for a solver that has none."""
     if tau is None:
         return
     if not solver.needs_tau:
         raise InputError("tau", tau, f"absent with {type(solver).__name__}, which has none; Admm, Fista and Gpsr take one")
-    if not isinstance(tau, np.ndarray | type) and callable(getattr(tau, "choose", None)):
+    if not isinstance(tau, np.ndarray | np.generic | type) and callable(getattr(tau, "choose", None)):
         return
     if isinstance(tau, bool) or not isinstance(tau, REAL_NUMBER) or not (math.isfinite(tau) and tau >= 0):
         allowed = "a finite number of at least 0, in squared units of the frames over units of the cube, or a rule such as AutoTau()"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recon import FieldAperture, InputError, Spread, reconstruct
+from recon import L1, Admm, FieldAperture, InputError, Kronecker, Spread, TauFraction, TotalVariation, reconstruct
 from recon.metrics import psnr, rmse, score, spectral_angle
 
 
@@ -80,6 +80,39 @@ def test_scores_of_what_are_no_real_numbers_are_refused(kind):
         with pytest.raises(InputError, match=r"^data_range: must be one real number"):
             score(cube, cube, bad)
     assert score(cube.astype(np.int8), cube.tolist()).exact
+
+
+WRONG_KINDS = {
+    "solver: a name": ("solver", {"solver": "admm"}),
+    "solver: a class": ("solver", {"solver": Admm, "tau": 0.1}),
+    "solver: something else": ("solver", {"solver": L1()}),
+    "prior: a name": ("prior", {"prior": "tv"}),
+    "prior: a class": ("prior", {"prior": TotalVariation}),
+    "prior: a basis": ("prior", {"prior": Kronecker()}),
+    "tau: a class": ("tau", {"tau": TauFraction}),
+    "tau: an array": ("tau", {"tau": np.array(0.1)}),
+    "tau: a name": ("tau", {"tau": "auto"}),
+    "tau: True": ("tau", {"tau": True}),
+    "on_iteration": ("on_iteration", {"on_iteration": 3}),
+    "noise": ("noise", {"noise": "x"}),
+    "noise: ragged": ("noise", {"noise": [[1, 2], [3]]}),
+    "start": ("start", {"start": "a"}),
+    "start: ragged": ("start", {"start": [[1, 2], [3]]}),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_KINDS)
+def test_things_of_the_wrong_kind_are_refused_by_name(case, camera_of):
+    operator = camera_of("mono", 1, 8, 3)
+    field, given = WRONG_KINDS[case]
+    with pytest.raises(InputError, match=rf"^{field}: must be .*, got "):
+        reconstruct(operator, np.ones(operator.out_shape), **given)
+
+
+@pytest.mark.parametrize("frames", ["frames", None, [[1, 2], [3]], np.ones((1, 1, 8, 10)).astype(object), np.ones((1, 1, 8, 10), bool)])
+def test_frames_of_the_wrong_kind_are_refused_by_name(frames, camera_of):
+    with pytest.raises(InputError, match=r"^frames: must be (real numbers|an array of real numbers, not ragged)"):
+        reconstruct(camera_of("mono", 1, 8, 3), frames)
 
 
 def test_X7_a_field_camera_whose_pixels_are_all_blind_is_refused_when_it_is_used():
