@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 CURVES = {1: ("mono",), 3: ("red", "green", "blue")}
-SENSORS = {1: "mono", 3: "foveon"}
+SENSORS = {1: "mono", 3: "three-channel"}
 
 
 def frames_from(
@@ -40,7 +40,7 @@ def frames_from(
         masks: (y, x) or (shot, y, x), one a frame, from 0 to 1.
         shift_px: (K,) finite; whole, broken, of either sign. Redder bands to larger x: increasing.
         bands: the K bands.
-        response: (K,) or (curves, K) frames-units per cube-unit; None: 1.
+        response: (K,) or (curves, K) frames-units per cube-unit; None: 1, for one curve only.
         mosaic: (y, x) of the sensor, the curve of each pixel; None: every pixel has every channel.
         attrs: ``offset`` (the level without light), ``units`` (relative, electron or DN) and what else is known.
 
@@ -56,6 +56,8 @@ def frames_from(
     _check_shapes(values, patterns)
     shifts = _checked_shifts(shift_px, bands.count, patterns.shape[2], values.shape[3])
     first, taps = shift_taps(shifts)
+    if mosaic is not None and values.shape[1] != 1:
+        raise InputError("frames", values.shape, "of one channel, as the mosaic tells each pixel's curve")
     chi = _response(response, bands.count, values.shape[1] if mosaic is None else None)
     sensor = SENSORS[values.shape[1]] if mosaic is None else "bayer"
     if mosaic is not None:
@@ -98,7 +100,11 @@ def _checked_shifts(shift_px: ArrayLike, count: int, columns: int, width: int) -
 
 
 def _response(response: ArrayLike | None, count: int, channels: int | None) -> np.ndarray:
-    chi = np.ones((channels or 1, count)) if response is None else np.atleast_2d(np.asarray(response, np.float64))
+    if response is None and channels is not None and channels > 1:
+        raise InputError(
+            "response", None, f"stated for {channels} channels, of shape ({channels}, {count}): channels that see alike are one"
+        )
+    chi = np.ones((1, count)) if response is None else np.atleast_2d(np.asarray(response, np.float64))
     if chi.ndim != 2 or chi.shape[1] != count or not np.isfinite(chi).all() or (channels is not None and chi.shape[0] != channels):
         raise InputError("response", chi.shape, f"finite, of shape ({channels or 'curves'}, {count})")
     return chi

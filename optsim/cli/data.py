@@ -13,6 +13,7 @@ from optsim.cli.data_words import (
     axes_of,
     bands_of_words,
     centers_of,
+    channels_of,
     crop_of,
     mosaic_of,
     range_of,
@@ -80,7 +81,9 @@ def import_measurement(
     axes: Annotated[
         str | None, Parameter(help="Axes of a stack, out of shot,channel,y,x; if absent y,x,shot for MATLAB and shot,y,x for .npy.")
     ] = None,
-    response: Annotated[str | None, Parameter(help="Response of each band, a list; 1 if absent. Channels apart by semicolons.")] = None,
+    response: Annotated[
+        str | None, Parameter(help="Response of each band, a list; 1 if absent (one channel only). Channels apart by semicolons.")
+    ] = None,
     cfa: Annotated[Path | None, Parameter(help="Colour mosaic: the index (from 0) of each pixel's curve in --response.")] = None,
     offset: Annotated[float, Parameter(help="Level of the frames without light, in their own unit.")] = 0.0,
 ) -> None:
@@ -100,10 +103,9 @@ def import_measurement(
         values = read_pictures(frames, FRAME_NAMES, variable=variable, axes=stack_axes, reader=reader)
         shown = read_pictures(mask, MASK_NAMES, variable=mask_variable, reader=reader)
         mosaic = None if cfa is None else mosaic_of(read_pictures(cfa, ("cfa", "mosaic"), reader=reader))
+    values = channels_of(values, None if response is None else len(chi), frames.name, mosaic is not None)
     require_plausible(values, shown, offset)
     masks, factor = unit_masks(shown)
-    if response is None and mosaic is None:
-        chi = chi.repeat(values.shape[1], axis=0)
     attrs = {"offset": offset, "source_frames": frames.name, "source_mask": mask.name}
     measured = frames_from(values, masks, shift_px, bands, response=factor * chi, mosaic=mosaic, attrs=attrs)
     write(measured, output)

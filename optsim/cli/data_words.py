@@ -119,6 +119,29 @@ def _numbers(field: str, text: str, form: str) -> list[float]:
     return numbers
 
 
+def channels_of(stack: np.ndarray, curves: int | None, name: str, mosaic: bool) -> np.ndarray:
+    """Return (L, C, M, W) frames, of one channel where a gray picture was stored as colours.
+
+    Args:
+        stack: (L, C, M, W).
+        curves: in --response; None: not stated.
+        name: of the file.
+        mosaic: whether --cfa is given.
+
+    Raises:
+        InputError: ``--response``, when channels differ and nothing says what each of them sees.
+    """
+    count = stack.shape[1]
+    if count == 1 or (not mosaic and curves == count):
+        return stack
+    if (stack == stack[:, :1]).all():
+        return stack[:, :1]
+    if mosaic:
+        raise InputError("--cfa", f"{name} with {count} channels that differ", "given with frames of one channel, as read from the sensor")
+    given = "no curve" if curves is None else f"{curves} curve{'s' * (curves != 1)}"
+    raise InputError("--response", given, f"{count} curves apart by semicolons, one number a band, for the {count} channels of {name}")
+
+
 def unit_masks(stack: np.ndarray) -> tuple[np.ndarray, float]:
     """Return (L, M, N) from 0 to 1, and the factor that the responses get for it.
 

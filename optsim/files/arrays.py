@@ -49,7 +49,21 @@ def read_pictures(
         if len(order) != len(found.shape) or len(set(order)) != len(order) or not {"y", "x"} <= set(order) <= {"shot", "channel", "y", "x"}:
             raise InputError("--axes", axes, f"out of shot, channel, y, x, one for each axis of {path.name}:{found.name} {found.shape}")
         values = reader.read(source, found)
-    return _as_stack(values, order)
+    stack = _as_stack(values, order)
+    return _opaque(stack, path) if source.format == "png" else stack
+
+
+def _opaque(stack: np.ndarray, path: Path) -> np.ndarray:
+    """Leave out a picture's transparent layer, which must be the same everywhere.
+
+    Raises:
+        InputError: naming the file.
+    """
+    if stack.shape[1] not in (2, 4):
+        return stack
+    if np.ptp(stack[:, -1]) > 0:
+        raise InputError(path.name, "a transparency that varies", "opaque, or transparent alike everywhere")
+    return stack[:, :-1]
 
 
 def _as_stack(values: np.ndarray, order: Sequence[str]) -> np.ndarray:

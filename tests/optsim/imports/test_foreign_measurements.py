@@ -235,7 +235,7 @@ def test_an_export_of_broken_shifts_has_its_operator_in_the_shifted_masks_and_sa
 
 
 def test_an_export_refuses_what_the_layout_cannot_hold(tmp_path):
-    frames = frames_from(np.zeros((1, 3, M, N + 8)), mask()[0], 2.0 * np.arange(K), BANDS)
+    frames = frames_from(np.zeros((1, 3, M, N + 8)), mask()[0], 2.0 * np.arange(K), BANDS, response=np.ones((3, K)))
     with pytest.raises(InputError, match="frames"):
         write_tsa(frames, tmp_path)
     frames = frames_from(np.zeros((M, N + 8)), mask()[0], 2.0 * np.arange(K), BANDS)
