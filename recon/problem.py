@@ -6,6 +6,7 @@ overflows and every tolerance means the same for 1e-12 and for 1e30. Primes belo
 """
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
@@ -27,6 +28,7 @@ OnIteration = Callable[[int, float], None]
 LARGEST = 1e100  # a frame value whose square is still far from overflow
 LEFT_OUT = "; fill them and say noise=inf there to leave them out"
 CUBE_AXES = " (row, column, band)"
+SMALLEST, LARGEST_NUMBER = sys.float_info.min, sys.float_info.max
 PROBE = 4099  # random numbers that tell whether an operator is 0
 
 
@@ -65,12 +67,16 @@ class Problem:
         return self.tau
 
     def inner_tau(self, tau: float) -> float:
-        """Turn an absolute tau of the caller's units into that of the normalised problem."""
-        return tau * self.unit / self.light**2
+        """Turn an absolute tau of the caller's units into that of the normalised problem; finite, as large as numbers get at most."""
+        square = self.light**2
+        turned = tau * self.unit / square if square >= SMALLEST else (tau / self.light) * (self.unit / self.light)
+        return min(turned, LARGEST_NUMBER)
 
     def outer_tau(self, tau: float) -> float:
-        """Turn a tau of the normalised problem into the caller's units."""
-        return tau * self.light**2 / self.unit
+        """Turn a tau of the normalised problem into the caller's units; finite, as large as numbers get at most."""
+        square = self.light**2
+        turned = tau * square / self.unit if square >= SMALLEST else tau * self.light * (self.light / self.unit)
+        return min(turned, LARGEST_NUMBER)
 
     def tau_max(self) -> float | None:
         """Return the least normalised tau whose answer is zero (theory.md (S.9)); None where the prior has no formula for it."""
@@ -184,7 +190,7 @@ def prepare(
     light = float(np.abs(values).max())
     if light == 0:
         return None
-    unit = light / strength
+    unit = light / strength if strength > 0 else math.inf
     if not (math.isfinite(unit) and unit > 0):
         raise InputError("frames", light, f"such that frames / response is a finite number; the operator's largest weight is {strength:g}")
     first = None

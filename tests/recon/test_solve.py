@@ -83,6 +83,29 @@ def test_X4_the_tau_max_that_a_solution_tells_gives_exactly_zero_when_asked_for(
         assert reconstruct(operator, frames, tau=0.99 * top, solver=solver).cube.any()
 
 
+@pytest.mark.parametrize("scale", [1e-308, 1e-200, 1e-170, 1e-155, 1e99])
+@pytest.mark.parametrize(
+    "solver", [Admm(max_iterations=20), Fista(max_iterations=20), Gpsr(max_iterations=20)], ids=["admm", "fista", "gpsr"]
+)
+def test_X8_frames_whose_square_is_no_number_any_more_are_solved_as_any_others(solver, scale, camera_of, cube_of):
+    operator = camera_of("bayer", 1, 16, 6)
+    frames = operator.forward(cube_of(16, 6))
+    plain = reconstruct(operator, frames, tau=0.01, solver=solver)
+    scaled = reconstruct(operator, frames * scale, tau=0.01 * scale, solver=solver)
+    np.testing.assert_allclose(scaled.cube / scale, plain.cube, rtol=1e-6, atol=1e-9)
+    assert scaled.tau == pytest.approx(0.01 * scale, rel=1e-9)
+    assert scaled.tau_max / scale == pytest.approx(plain.tau_max, rel=1e-9)
+    assert not reconstruct(operator, frames * scale, tau=1e300, solver=solver).cube.any()
+    assert np.isfinite(reconstruct(operator, frames * min(scale, 1e-30), tau=1e300, solver=solver).objective)
+
+
+def test_weights_whose_product_is_no_number_any_more_are_refused(camera_of):
+    operator = camera_of("mono", 1, 8, 3)
+    tiny = operator.replace(response=operator.response * 1e-200, taps=operator.taps * 1e-200)
+    with pytest.raises(InputError, match=r"^frames: must be such that frames / response is a finite number; .* weight is 0"):
+        reconstruct(tiny, np.ones(operator.out_shape))
+
+
 @pytest.mark.parametrize(("solver", "tau"), SOLVERS, ids=NAMES)
 def test_X5_dark_frames_give_zero_at_once(solver, tau, camera_of):
     operator = camera_of("bayer", 1, 16, 6)
