@@ -6,11 +6,13 @@ import numpy as np
 
 from recon import aperture_kernels as kernels
 from recon import threads
+from recon.arrays import REAL, as_double, real_array, require
 from recon.errors import InputError
 from recon.turning import packed_halves
 
 DENSE_LIMIT = 2**27  # entries of a dense H: 1 GiB of float64
 KEPT = ("masks", "response", "first_column", "taps", "mosaic", "width", "dtype", "gray", "spectral")
+ON_OFF = REAL + "b"  # kinds of types where True and False mean 1 and 0
 LINE = 64  # bytes of a cache line
 
 
@@ -27,9 +29,10 @@ def shift_taps(shift_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         InputError: field ``shift_px``.
     """
-    shift = np.atleast_1d(np.asarray(shift_px, np.float64))
-    if shift.ndim != 1 or shift.size == 0 or not np.isfinite(shift).all() or np.abs(shift).max() > 2**30:
+    shift = np.atleast_1d(as_double(real_array("shift_px", shift_px, axes=" (band)")))
+    if shift.ndim != 1 or shift.size == 0:
         raise InputError("shift_px", shift_px, "a list of finite positions in px, one a band")
+    require("shift_px", shift, np.abs(shift) <= 2**30, "a list of finite positions in px, one a band, of -2^30..2^30", " (band)")
     first = np.floor(shift)
     fraction = shift - first
     if not fraction.any():
@@ -311,15 +314,13 @@ def result(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype[Any])
 
 def checked_masks(masks: np.ndarray, gray: bool) -> np.ndarray:
     """Return masks (L, M, N) in float64."""
-    values = np.asarray(masks)
+    axes = " (shot, row, column)"
+    values = real_array("masks", masks, axes=axes, kinds=ON_OFF)
     if values.ndim != 3 or 0 in values.shape:
         raise InputError("masks", values.shape, "of shape (shots, rows, columns), each at least 1")
-    values = values.astype(np.float64)
-    bad = ~(np.isfinite(values) & (values >= 0) & (values <= 1)) if gray else (values != 0) & (values != 1)
-    if bad.any():
-        where = tuple(int(i) for i in np.argwhere(bad)[0])
-        allowed = "in [0, 1]" if gray else "0 or 1 (values between need gray=True)"
-        raise InputError("masks", float(values[where]), f"{allowed}; first bad (shot, row, column) is {where}")
+    values = as_double(values)
+    good = (values >= 0) & (values <= 1) if gray else (values == 0) | (values == 1)
+    require("masks", values, good, "in [0, 1]" if gray else "0 or 1 (values between need gray=True)", axes)
     return np.ascontiguousarray(values)
 
 
@@ -330,9 +331,11 @@ def closed_shots(masks: np.ndarray) -> list[int]:
 
 def checked_response(response: np.ndarray) -> np.ndarray:
     """Return a finite response (C, K) in float64."""
-    chi = np.ascontiguousarray(response, np.float64)
-    if chi.ndim != 2 or 0 in chi.shape or not np.isfinite(chi).all():
-        raise InputError("response", chi.shape if np.isfinite(chi).all() else "not finite", "finite, of shape (curves, bands)")
+    chi = real_array("response", response, axes=" (curve, band)", kinds=ON_OFF)
+    if chi.ndim != 2 or 0 in chi.shape:
+        raise InputError("response", chi.shape, "finite, of shape (curves, bands)")
+    chi = np.ascontiguousarray(as_double(chi))
+    require("response", chi, np.isfinite(chi), "finite", " (curve, band)")
     return chi
 
 
@@ -341,9 +344,11 @@ def _checked_bands(response: np.ndarray, first_column: np.ndarray, taps: np.ndar
     first = np.asarray(first_column)
     if first.shape != (chi.shape[1],) or not np.issubdtype(first.dtype, np.integer) or np.abs(first).max() > 2**30:
         raise InputError("first_column", first.tolist() if first.size < 100 else first.shape, f"{chi.shape[1]} integers, one a band")
-    weights = np.ascontiguousarray(taps, np.float64)
-    if weights.ndim != 2 or weights.shape[0] != chi.shape[1] or weights.shape[1] == 0 or not np.isfinite(weights).all():
+    weights = real_array("taps", taps, axes=" (band, tap)", kinds=ON_OFF)
+    if weights.ndim != 2 or weights.shape[0] != chi.shape[1] or weights.shape[1] == 0:
         raise InputError("taps", weights.shape, f"finite, of shape ({chi.shape[1]}, taps)")
+    weights = np.ascontiguousarray(as_double(weights))
+    require("taps", weights, np.isfinite(weights), "finite", " (band, tap)")
     first = np.ascontiguousarray(first, np.int64)
     if weights.shape[1] > 1 and (np.count_nonzero(weights, axis=1) == 1).all():
         used = np.argmax(weights != 0, axis=1)

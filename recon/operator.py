@@ -4,6 +4,7 @@ from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
+from recon.arrays import REAL, real_array, require
 from recon.errors import InputError
 
 
@@ -80,9 +81,10 @@ class RowWeighted:
         from recon.adapted import adapted
 
         operator = adapted(operator)
-        values = np.asarray(weights, operator.dtype)
-        if not np.isfinite(values).all() or (values < 0).any():
-            raise InputError("weights", float(values.min()), "finite and at least 0")
+        given = real_array("weights", weights, kinds=REAL + "b")
+        with np.errstate(over="ignore"):
+            values = given.astype(operator.dtype)
+        require("weights", values, np.isfinite(values) & (values >= 0), "finite and at least 0", frame_axes(values.shape))
         try:
             self.weights = np.ascontiguousarray(np.broadcast_to(values, operator.out_shape))
         except ValueError:
@@ -105,6 +107,11 @@ class RowWeighted:
     def adjoint(self, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Apply H^T diag(weights)."""
         return self.operator.adjoint(y * self.weights, out)
+
+
+def frame_axes(shape: tuple[int, ...]) -> str:
+    """Name the axes of a camera's frames for errors."""
+    return " (shot, channel, row, column)" if len(shape) == 4 else ""
 
 
 def in_precision(operator: LinearOperator, dtype: Any) -> LinearOperator:

@@ -20,7 +20,7 @@ from recon.errors import InputError
 from recon.field_aperture import FieldAperture
 from recon.l1 import L1
 from recon.nonnegative import NonNegative
-from recon.operator import LinearOperator, Operator, RowWeighted
+from recon.operator import LinearOperator, Operator, RowWeighted, frame_axes
 from recon.prior import Penalty, Prior
 from recon.solution import Stop
 
@@ -232,9 +232,9 @@ def root_weights(noise: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     Raises:
         InputError: field ``noise`` for variances that are not positive (infinite leaves a measurement out) or don't fit the frames.
     """
-    variance = as_double(real_array("noise", noise, axes=_axes(getattr(noise, "shape", ())), instead=LEFT_OUT))
+    variance = as_double(real_array("noise", noise, axes=frame_axes(getattr(noise, "shape", ())), instead=LEFT_OUT))
     allowed = "positive variances in squared units of the frames (inf leaves a measurement out)"
-    require("noise", variance, variance > 0, allowed, _axes(variance.shape))
+    require("noise", variance, variance > 0, allowed, frame_axes(variance.shape))
     if not np.isfinite(variance).any():
         raise InputError("noise", "no finite value", f"{allowed}, some finite")
     try:
@@ -251,12 +251,12 @@ def checked_frames(frames: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     Raises:
         InputError: field ``frames``, with the count and the first bad (shot, channel, row, column).
     """
-    values = real_array("frames", frames, axes=_axes(shape), instead=LEFT_OUT)
+    values = real_array("frames", frames, axes=frame_axes(shape), instead=LEFT_OUT)
     if values.shape != tuple(shape):
-        raise InputError("frames", values.shape, f"of the operator's shape{_axes(shape)} {tuple(shape)}")
+        raise InputError("frames", values.shape, f"of the operator's shape{frame_axes(shape)} {tuple(shape)}")
     values = as_double(values)
-    require("frames", values, np.isfinite(values), "finite", _axes(shape))
-    require("frames", values, np.abs(values) <= LARGEST, f"at most {LARGEST:g} in absolute value", _axes(shape))
+    require("frames", values, np.isfinite(values), "finite", frame_axes(shape))
+    require("frames", values, np.abs(values) <= LARGEST, f"at most {LARGEST:g} in absolute value", frame_axes(shape))
     return values
 
 
@@ -266,11 +266,6 @@ def _checked_start(start: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         raise InputError("start", guess.shape, f"a finite cube of shape {shape}")
     require("start", guess, np.isfinite(guess), "a finite cube", CUBE_AXES)
     return guess
-
-
-def _axes(shape: tuple[int, ...]) -> str:
-    """Name the axes of a camera's frames."""
-    return " (shot, channel, row, column)" if len(shape) == 4 else ""
 
 
 def edge_cases(problem: Problem, tau: float, tau_max: float | None, max_iterations: int) -> Found | None:

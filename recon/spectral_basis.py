@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from pydantic import field_validator
 
+from recon.arrays import as_double, real_array, require
 from recon.config import Config
 from recon.errors import InputError
 
@@ -104,9 +105,12 @@ def learned(samples: np.ndarray) -> Learned:
     Raises:
         InputError: field ``samples``.
     """
-    spectra = np.asarray(samples, np.float64)
-    if spectra.ndim != 2 or 0 in spectra.shape or not np.isfinite(spectra).all() or not spectra.any():
+    spectra = as_double(real_array("samples", samples, axes=" (sample, band)"))
+    if spectra.ndim != 2 or 0 in spectra.shape:
         raise InputError("samples", spectra.shape, "finite, of shape (samples, bands), different from 0 somewhere")
+    require("samples", spectra, np.isfinite(spectra), "finite", " (sample, band)")
+    if not spectra.any():
+        raise InputError("samples", 0.0, "different from 0 somewhere")
     spectra = spectra / np.abs(spectra).max()
     _, s, vt = np.linalg.svd(spectra, full_matrices=True)
     strengths = np.zeros(spectra.shape[1])

@@ -3,7 +3,20 @@
 import numpy as np
 import pytest
 
-from recon import L1, Admm, FieldAperture, InputError, Kronecker, Spread, TauFraction, TotalVariation, reconstruct
+from recon import (
+    L1,
+    Admm,
+    FieldAperture,
+    InputError,
+    Kronecker,
+    RowWeighted,
+    Spread,
+    TauFraction,
+    TotalVariation,
+    learned,
+    reconstruct,
+    shift_taps,
+)
 from recon.metrics import psnr, rmse, score, spectral_angle
 
 
@@ -113,6 +126,64 @@ def test_things_of_the_wrong_kind_are_refused_by_name(case, camera_of):
 def test_frames_of_the_wrong_kind_are_refused_by_name(frames, camera_of):
     with pytest.raises(InputError, match=r"^frames: must be (real numbers|an array of real numbers, not ragged)"):
         reconstruct(camera_of("mono", 1, 8, 3), frames)
+
+
+@pytest.mark.parametrize("value", [np.nan, -1.0, 0.0, -np.inf])
+def test_X6_a_variance_that_cannot_be_is_refused_with_count_and_place(value, camera_of):
+    operator = camera_of("foveon", 2, 8, 3)
+    noise = np.ones(operator.out_shape)
+    noise[1, 2, 3, 4] = noise[1, 2, 5, 6] = value
+    place = r"positive variances in squared units.*; 2 values are not, first \(shot, channel, row, column\) is \(1, 2, 3, 4\), got "
+    with pytest.raises(InputError, match=rf"^noise: must be {place}{value}"):
+        reconstruct(operator, np.ones(operator.out_shape), noise=noise)
+    with pytest.raises(InputError, match=r"^noise: must be .*; 1 value is not, first is \(1, 0\), got "):
+        reconstruct(operator, np.ones(operator.out_shape), noise=np.array([[1.0], [value], *[[1.0]] * 6]))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_X6_a_start_that_is_not_finite_is_refused_with_count_and_place(value, camera_of):
+    operator, start = camera_of("mono", 1, 8, 3), np.zeros((8, 8, 3))
+    start[6, 5, 2] = start[7, 0, 0] = value
+    with pytest.raises(
+        InputError, match=rf"^start: must be a finite cube; 2 values are not, first \(row, column, band\) is \(6, 5, 2\), got {value}"
+    ):
+        reconstruct(operator, np.ones(operator.out_shape), start=start)
+
+
+def spoiled(array, *places):
+    array = np.array(array, float)
+    for place in places:
+        array[place] = np.nan
+    return array
+
+
+def test_what_makes_an_operator_or_a_basis_is_refused_with_count_and_place(camera_of):
+    camera = camera_of("foveon", 2, 8, 3)
+    cases = {
+        r"^response: must be finite; 1 value is not, first \(curve, band\) is \(2, 1\), got nan": lambda: camera.replace(
+            response=spoiled(camera.response, (2, 1))
+        ),
+        r"^taps: must be finite; 2 values are not, first \(band, tap\) is \(0, 0\), got nan": lambda: camera.replace(
+            taps=spoiled(camera.taps, (0, 0), (2, 0))
+        ),
+        r"^masks: must be 0 or 1 .*; 2 values are not, first \(shot, row, column\) is \(1, 2, 3\), got nan": lambda: camera.replace(
+            masks=spoiled(camera.masks, (1, 2, 3), (1, 7, 7))
+        ),
+        r"^weights: must be finite and at least 0; 1 value is not, first \(shot, .*\) is \(0, 1, 2, 3\), got nan": lambda: RowWeighted(
+            camera, spoiled(np.ones(camera.out_shape), (0, 1, 2, 3))
+        ),
+        r"^samples: must be finite; 1 value is not, first \(sample, band\) is \(3, 1\), got nan": lambda: learned(
+            spoiled(np.ones((5, 4)), (3, 1))
+        ),
+        r"^shift_px: must be .*; 1 value is not, first \(band\) is \(2,\), got nan": lambda: shift_taps(spoiled(np.ones(4), 2)),
+        "^shift_px: must be real numbers, got 'abc'": lambda: shift_taps("abc"),
+        "^response: must be real numbers": lambda: camera.replace(response=camera.response * 1j),
+        "^masks: must be without masked values": lambda: camera.replace(masks=masked(camera.masks.shape, (0, 1, 1))),
+    }
+    for message, make in cases.items():
+        with pytest.raises(InputError, match=message):
+            make()
+    assert camera.replace(masks=camera.masks.astype(bool)).masks.dtype == np.float64
 
 
 def test_X7_a_field_camera_whose_pixels_are_all_blind_is_refused_when_it_is_used():
