@@ -48,6 +48,7 @@ def import_cube(
     """Bring in a cube."""
     from optsim.files import import_cube as read
     from optsim.files import writable, write
+    from optsim.files.grids import doubtful
     from optsim.files.import_config import CubeImport
 
     writable(output, source=file)
@@ -63,6 +64,8 @@ def import_cube(
     print(f"{said['source_format']}, {said['source_variable']}: {said['source_values']}, times {said['scale']:g}", file=sys.stderr)
     nm = cube["wavelength"].values
     wrote(output, cube["radiance"].shape, f"(y, x, wavelength), {nm[0]:g} to {nm[-1]:g} nm")
+    for sentence in doubtful(nm):
+        print(f"note: {sentence}", file=sys.stderr)
 
 
 def import_measurement(
@@ -92,6 +95,7 @@ def import_measurement(
     from optsim.camera.elsewhere_doubts import doubts
     from optsim.files import writable, write
     from optsim.files.arrays import read_pictures
+    from optsim.files.grids import doubtful
     from optsim.files.reader import Reader
 
     writable(output, source=frames)
@@ -110,7 +114,7 @@ def import_measurement(
     measured = frames_from(values, masks, shift_px, bands, response=factor * chi, mosaic=mosaic, attrs=attrs)
     write(measured, output)
     wrote(output, measured["frames"].shape, f"(shot, channel, y, x), {bands.count} bands {shift_px[0]:g} to {shift_px[-1]:g} px")
-    for sentence in doubts(measured):
+    for sentence in (*doubtful(bands.center), *doubts(measured)):
         print(f"note: {sentence}", file=sys.stderr)
 
 

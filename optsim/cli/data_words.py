@@ -37,8 +37,14 @@ def bands_of_words(word: str) -> tuple[Bands, np.ndarray]:
     import numpy as np
 
     from optsim.cube import Bands
+    from optsim.files.grids import require_nanometres
 
     centers = np.array(centers_of(word))
+    require_nanometres("--wavelengths", centers)
+    different, counts = np.unique(centers, return_counts=True)
+    if different.size < 2 or counts.max() > 1:
+        twice = f" ({different[counts.argmax()]:g} stands {counts.max()} times)" if counts.max() > 1 else ""
+        raise InputError("--wavelengths", word, f"at least two centres in nm, all different{twice}")
     order = np.argsort(centers, kind="stable")
     return Bands.from_centers(centers[order]), order
 

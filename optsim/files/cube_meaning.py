@@ -8,6 +8,7 @@ import numpy as np
 
 from optsim.cube import DIMS, Bands, make_cube
 from optsim.errors import InputError
+from optsim.files.grids import LOWEST_NM, require_nanometres
 from optsim.files.import_config import Axis, Crop, CubeImport
 from optsim.files.importers.found import Found
 from optsim.files.reader import Source
@@ -22,7 +23,7 @@ UNITS_NM = {
     "angstrom": 0.1,
 }
 UNSAID = ("", "unknown", "1")
-NM_FROM, UM_TO = 100.0, 20.0
+UM_TO = 20.0
 """Without a unit, wavelengths from 100 on are nanometres, and up to 20 micrometres."""
 
 
@@ -54,7 +55,7 @@ def as_cube(source: Source, found: Found, values: np.ndarray, how: CubeImport) -
             kept = f"around at least two of the file's bands, {centers.min():g} to {centers.max():g} nm"
             raise InputError("--range", how.range_nm, kept)
     if order.size < 2 or np.any(np.diff(centers[order]) <= 0):
-        raise InputError("--wavelengths", centers.tolist()[:8], "at least two, all different, in nm")
+        raise InputError("--wavelengths", np.sort(centers).tolist()[:8], "at least two, all different, in nm")
     attrs = {
         "kind": "imported",
         "source_format": source.title,
@@ -86,8 +87,7 @@ def _centers(source: Source, found: Found, shape: tuple[int, ...], how: CubeImpo
     if centers.size != shape[2]:
         form = f"{shape[2]}, as the wavelength axis of shape (y, x, wavelength) = {shape} has; or state --axes"
         raise InputError("--wavelengths", f"{centers.size} numbers", form)
-    if not np.isfinite(centers).all() or centers.min() <= 0:
-        raise InputError(f"{source.name}:wavelength", centers.tolist()[:8], "finite and above 0 nm")
+    require_nanometres(f"{source.name}:wavelength" if how.wavelengths_nm is None else "--wavelengths", centers)
     return centers
 
 
@@ -97,7 +97,7 @@ def _unit_nm(source: Source, found: Found) -> float:
         if unit in UNITS_NM:
             return UNITS_NM[unit]
     low, high = min(found.wavelengths), max(found.wavelengths)
-    if word in UNSAID and low >= NM_FROM:
+    if word in UNSAID and low >= LOWEST_NM:
         return 1.0
     if word in UNSAID and low > 0 and high <= UM_TO:
         return 1e3
