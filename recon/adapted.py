@@ -78,11 +78,11 @@ class Adapted:
 
     def forward(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Apply H."""
-        return self._into(self.operator.forward(np.asarray(x, self.dtype)), self.out_shape, out, "operator.forward")
+        return self._into(self.operator.forward(_read_only(x, self.dtype)), self.out_shape, out, "operator.forward")
 
     def adjoint(self, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Apply H^T."""
-        return self._into(self.operator.adjoint(np.asarray(y, self.dtype)), self.in_shape, out, "operator.adjoint")
+        return self._into(self.operator.adjoint(_read_only(y, self.dtype)), self.in_shape, out, "operator.adjoint")
 
     def gram_blocks(self) -> GramBlocks | GramBands | None:
         """Return the operator's own H H^T, or None."""
@@ -108,6 +108,13 @@ def adapted(operator: Any) -> LinearOperator:
         inner = adapted(operator.operator)
         return operator if inner is operator.operator else RowWeighted(inner, operator.weights)
     return Adapted(operator)
+
+
+def _read_only(array: np.ndarray, dtype: np.dtype[Any]) -> np.ndarray:
+    """Return a view that can't be written: a forward that works in place would spoil the solver's own iterate."""
+    view = np.asarray(array, dtype).view()
+    view.flags.writeable = False
+    return view
 
 
 def _shape(field: str, value: Any) -> tuple[int, ...]:

@@ -12,6 +12,7 @@ from recon.errors import InputError
 class Operator(Protocol):
     """What a solve needs at least: shapes, forward and adjoint. Without a ``dtype`` it is called with float32.
 
+    The arrays that forward and adjoint get are the solver's own and can't be written: copy what you change.
     With a method ``gram_blocks()`` (``recon.GramBlocks`` or ``recon.GramBands``) it gets exact data steps, else conjugate gradients.
     """
 

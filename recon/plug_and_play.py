@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from recon.config import Config
 from recon.errors import InputError
@@ -22,7 +22,7 @@ class PlugAndPlay(Config):
     Args:
         denoiser: gets (M, N) and sigma, or (M, N, K) and sigma with ``whole``; returns the same shape, finite.
         spectral: a basis along wavelength whose coefficient pictures are denoised; None: the bands.
-        weights: sigma's factor for each picture, K positive numbers; None: all 1.
+        weights: sigma's factor for each picture, K positive numbers; None: all 1. Not with ``whole``, where there is one sigma.
         strength: sigma over the solver's weight.
         whole: hand over the cube at once, not picture by picture.
     """
@@ -54,6 +54,12 @@ class PlugAndPlay(Config):
             raise InputError("PlugAndPlay.weights", weights, "positive numbers, one for each picture")
         return weights
 
+    @model_validator(mode="after")
+    def _one_sigma(self) -> "PlugAndPlay":
+        if self.whole and self.weights is not None:
+            raise InputError("PlugAndPlay.weights", self.weights, "None with whole=True: a whole cube gets one sigma; take strength")
+        return self
+
     def bind(self, shape: tuple[int, ...], dtype: Any) -> "DenoiserPenalty":
         """See ``Prior.bind``.
 
@@ -64,14 +70,21 @@ class PlugAndPlay(Config):
         if weights.size != shape[2]:
             raise InputError("PlugAndPlay.weights", weights.size, f"as many numbers as bands, {shape[2]}")
         matrix = None if self.spectral is None else self.spectral.matrix(shape[2], dtype)
-        return DenoiserPenalty(self.denoiser, matrix, weights * self.strength, self.whole)
+        return DenoiserPenalty(self.denoiser, matrix, weights * self.strength, self.strength if self.whole else None)
 
 
 class DenoiserPenalty:
-    """A denoiser bound to one solve."""
+    """A denoiser bound to one solve.
 
-    def __init__(self, denoiser: Denoiser, matrix: np.ndarray | None, weights: np.ndarray, whole: bool) -> None:
-        self._denoiser, self._matrix, self._weights, self._whole = denoiser, matrix, weights, whole
+    Args:
+        denoiser: the function.
+        matrix: of the spectral basis; None: bands.
+        weights: sigma of each picture over the solver's weight.
+        strength: the same of the whole cube, handed over at once; None: picture by picture.
+    """
+
+    def __init__(self, denoiser: Denoiser, matrix: np.ndarray | None, weights: np.ndarray, strength: float | None) -> None:
+        self._denoiser, self._matrix, self._weights, self._strength = denoiser, matrix, weights, strength
 
     def value(self, cube: np.ndarray) -> float:
         """Return 0: a denoiser has no value."""
@@ -88,8 +101,8 @@ class DenoiserPenalty:
             return 0.0
         pictures = cube if self._matrix is None else cube @ self._matrix.T
         sigma = threshold / size
-        if self._whole:
-            pictures = self._called(pictures / cube.dtype.type(size), sigma * float(self._weights[0])) * size
+        if self._strength is not None:
+            pictures = self._called(pictures / cube.dtype.type(size), sigma * self._strength) * size
         else:
             bands = [self._called(pictures[:, :, k] / cube.dtype.type(size), sigma * float(w)) for k, w in enumerate(self._weights)]
             pictures = np.stack(bands, axis=2) * size

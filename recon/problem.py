@@ -167,6 +167,8 @@ def pose(
     if isinstance(asked, type) or not callable(getattr(asked, "bind", None)):
         allowed = "a prior such as recon.L1() or recon.TotalVariation(), neither a name nor a class; a basis goes into L1(basis=...)"
         raise InputError("prior", asked, allowed)
+    if not isinstance(nonnegative, bool | np.bool_):
+        raise InputError("nonnegative", nonnegative, "True or False")
     penalty = asked.bind(own.in_shape, own.dtype)
     problem = prepare(own, frames, NonNegative(penalty) if nonnegative else penalty, start, noise)
     if problem is None:

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from itertools import pairwise
+from numbers import Integral
 from typing import Any
 
 from recon.errors import InputError
@@ -39,9 +40,9 @@ def use(threads: int | None) -> Iterator[int]:
     """
     from threadpoolctl import threadpool_limits
 
-    if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
+    if threads is not None and (isinstance(threads, bool) or not isinstance(threads, Integral) or threads < 1):
         raise InputError("threads", threads, "an integer of at least 1, or None for all cores")
-    token = _limit.set(threads if threads is not None else _limit.get())
+    token = _limit.set(int(threads) if threads is not None else _limit.get())
     try:
         with threadpool_limits(limits=1, user_api="blas"):
             yield current()

@@ -68,5 +68,7 @@ def test_denoisers_that_break_the_contract_are_named():
     for bad in ({"denoiser": 3}, {"denoiser": chambolle, "weights": (0.0,)}, {"denoiser": chambolle, "spectral": 1}):
         with pytest.raises(InputError, match=r"^PlugAndPlay\."):
             PlugAndPlay(**bad)
+    with pytest.raises(InputError, match=r"^PlugAndPlay\.weights: must be None with whole=True.*take strength, got \(1\.0, 2\.0\)"):
+        PlugAndPlay(denoiser=chambolle, whole=True, weights=(1.0, 2.0))
     with pytest.raises(InputError, match="as many numbers as bands"):
         PlugAndPlay(denoiser=chambolle, weights=(1.0,)).bind((4, 4, 2), np.float64)

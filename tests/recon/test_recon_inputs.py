@@ -6,7 +6,11 @@ import pytest
 from recon import (
     L1,
     Admm,
+    BasisPursuit,
     FieldAperture,
+    Fista,
+    Gap,
+    Gpsr,
     InputError,
     Kronecker,
     RowWeighted,
@@ -184,6 +188,41 @@ def test_what_makes_an_operator_or_a_basis_is_refused_with_count_and_place(camer
         with pytest.raises(InputError, match=message):
             make()
     assert camera.replace(masks=camera.masks.astype(bool)).masks.dtype == np.float64
+
+
+@pytest.mark.parametrize("threads", [np.int64(1), np.uint8(2)])
+def test_numpy_integers_are_numbers_of_threads(threads, camera_of):
+    operator = camera_of("mono", 1, 8, 3)
+    frames = np.ones(operator.out_shape)
+    np.testing.assert_array_equal(
+        reconstruct(operator, frames, threads=threads).cube, reconstruct(operator, frames, threads=int(threads)).cube
+    )
+    for bad in (np.int64(0), np.float64(1), np.bool_(True), "2"):
+        with pytest.raises(InputError, match=r"^threads: must be an integer of at least 1"):
+            reconstruct(operator, frames, threads=bad)
+
+
+@pytest.mark.parametrize("bad", ["no", 0, None, np.ones(2, bool)])
+def test_nonnegative_is_yes_or_no(bad, camera_of):
+    operator = camera_of("mono", 1, 8, 3)
+    with pytest.raises(InputError, match=r"^nonnegative: must be True or False, got "):
+        reconstruct(operator, np.ones(operator.out_shape), nonnegative=bad)
+    assert reconstruct(operator, np.ones(operator.out_shape), nonnegative=np.bool_(True)).cube.min() >= 0
+
+
+@pytest.mark.parametrize("part", ["forward", "adjoint"])
+@pytest.mark.parametrize("solver", [Fista(), Gpsr(), Admm(), BasisPursuit(), Gap()], ids=lambda s: type(s).__name__)
+def test_an_operator_that_works_in_place_is_stopped_before_it_spoils_the_solve(part, solver):
+    operator = Matrix(np.random.Generator(np.random.Philox(3)).random((20, 24)), (2, 4, 3))
+    right = getattr(operator, part)
+
+    def in_place(array):
+        array *= 2
+        return right(array)
+
+    setattr(operator, part, in_place)
+    with pytest.raises(ValueError, match="read-only"):
+        reconstruct(operator, np.ones(20), solver=solver, tau=0.1 if solver.needs_tau else None)
 
 
 def test_X7_a_field_camera_whose_pixels_are_all_blind_is_refused_when_it_is_used():
