@@ -17,7 +17,7 @@ from optsim.camera.fixed_pattern import fixed_pattern
 from optsim.camera.frames import band_model_of, check_frames, cube_units_of, signal_of, with_unit_shifts
 from optsim.camera.glass import AIR, Glass, glass, glass_names
 from optsim.camera.knowledge import Assumed, Exact, OwnShifts, UnitShift
-from optsim.camera.known_noise import noise_variance
+from optsim.camera.known_noise import noise_unknown, noise_variance
 from optsim.camera.layer_bins import bin_layers, layer_sites
 from optsim.camera.mappings import CauchyMap, LinearMap, PolynomialMap, SplineMap
 from optsim.camera.matched import measure_matched
@@ -96,6 +96,7 @@ __all__ = [
     "matched_model",
     "measure_matched",
     "mirror_states",
+    "noise_unknown",
     "noise_variance",
     "photograph",
     "physical_model",

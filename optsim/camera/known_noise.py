@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from optsim.camera.frames import signal_of
+from optsim.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+NEEDED = ("gain", "read_noise_e", "dark_e_per_s")
+"""Attributes that tell how frames in DN were read out."""
+
+
+def noise_unknown(frames: xr.Dataset) -> str:
+    """Return what a frames file lacks to tell its noise, as text; empty when it lacks nothing."""
+    units = frames.attrs.get("units")
+    lacking = [name for name in NEEDED if name not in frames.attrs]
+    return ", ".join(([f"units {units!r}"] if units != "DN" else []) + ([f"no {' and '.join(lacking)}"] if lacking else []))
 
 
 def noise_variance(frames: xr.Dataset) -> np.ndarray | None:
@@ -23,13 +37,22 @@ def noise_variance(frames: xr.Dataset) -> np.ndarray | None:
 
     Returns:
         (L, C, M, W), or None for frames without noise or that don't say how they were read out.
+
+    Raises:
+        InputError: an attribute that is no number.
     """
     attrs = frames.attrs
-    if attrs.get("units") != "DN" or not {"gain", "read_noise_e", "dark_e_per_s"} <= set(attrs):
+    if noise_unknown(frames):
         return None
-    gain = float(attrs["gain"])
-    dark_e = float(attrs["dark_e_per_s"]) * float(attrs.get("exposure_s", 0.0))
-    return variance_of(signal_of(frames), gain, float(attrs["read_noise_e"]) ** 2 + dark_e)
+    gain, read_noise, dark, time = (_number(attrs, name) for name in (*NEEDED, "exposure_s"))
+    return variance_of(signal_of(frames), gain, read_noise**2 + dark * time)
+
+
+def _number(attrs: Mapping[Any, Any], name: str) -> float:
+    value = attrs.get(name, 0.0)
+    if isinstance(value, str | bytes) or not math.isfinite(float(value)) or value < 0:
+        raise InputError(name, value, "a finite number, at least 0")
+    return float(value)
 
 
 def variance_of(signal_dn: np.ndarray, gain: float, dark_e2: float) -> np.ndarray:

@@ -16,6 +16,7 @@ from optsim.cli.data_words import (
     channels_of,
     crop_of,
     mosaic_of,
+    noise_of,
     range_of,
     require_plausible,
     response_of,
@@ -89,6 +90,13 @@ def import_measurement(
     ] = None,
     cfa: Annotated[Path | None, Parameter(help="Colour mosaic: the index (from 0) of each pixel's curve in --response.")] = None,
     offset: Annotated[float, Parameter(help="Level of the frames without light, in their own unit.")] = 0.0,
+    gain: Annotated[
+        float | None,
+        Parameter(
+            help="DN per electron, with --read-noise: the frames are then in DN as the converter gave them, and their noise is known."
+        ),
+    ] = None,
+    read_noise: Annotated[float | None, Parameter(help="With --gain: noise of a pixel without light, RMS electrons.")] = None,
 ) -> None:
     """Bring in a measurement that optsim did not make: frames, mask and shifts."""
     from optsim.camera.elsewhere import frames_from
@@ -110,7 +118,7 @@ def import_measurement(
     values = channels_of(values, None if response is None else len(chi), frames.name, mosaic is not None)
     require_plausible(values, shown, offset)
     masks, factor = unit_masks(shown)
-    attrs = {"offset": offset, "source_frames": frames.name, "source_mask": mask.name}
+    attrs = {"offset": offset, **noise_of(gain, read_noise), "source_frames": frames.name, "source_mask": mask.name}
     measured = frames_from(values, masks, shift_px, bands, response=factor * chi, mosaic=mosaic, attrs=attrs)
     write(measured, output)
     wrote(output, measured["frames"].shape, f"(shot, channel, y, x), {bands.count} bands {shift_px[0]:g} to {shift_px[-1]:g} px")

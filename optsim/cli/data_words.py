@@ -182,6 +182,28 @@ def require_plausible(frames: np.ndarray, masks: np.ndarray, offset: float) -> N
         raise InputError("--offset", offset, f"below {brightest:g}, the frames' largest value, in their unit")
 
 
+def noise_of(gain: float | None, read_noise_e: float | None) -> dict[str, float | str]:
+    """Return the attributes by which frames tell their noise; none when nothing is said.
+
+    Args:
+        gain: DN per electron.
+        read_noise_e: RMS electrons of a pixel without light, that of its dark current included.
+
+    Raises:
+        InputError: ``--gain`` or ``--read-noise``.
+    """
+    for option, value, other in (("--gain", gain, read_noise_e), ("--read-noise", read_noise_e, gain)):
+        if value is not None and other is None:
+            raise InputError(option, value, f"given with {'--read-noise' if option == '--gain' else '--gain'}")
+    if gain is None or read_noise_e is None:
+        return {}
+    if not 0 < gain <= 1e9:
+        raise InputError("--gain", gain, "above 0 and at most 1e9 DN per electron")
+    if not 0 <= read_noise_e <= 1e9:
+        raise InputError("--read-noise", read_noise_e, "from 0 to 1e9 electrons")
+    return {"units": "DN", "gain": gain, "read_noise_e": read_noise_e, "dark_e_per_s": 0.0}
+
+
 def mosaic_of(stack: np.ndarray) -> np.ndarray:
     """Return (y, x) whole numbers."""
     import numpy as np

@@ -57,7 +57,7 @@ def reconstruct(
     check_frames(measured)
     if operator == "unit-shift":
         measured = with_unit_shifts(measured)
-    noise = known_noise(measured, frames) if weighted or tau == "discrepancy" else None
+    noise = known_noise(measured, frames, "--weighted" if weighted else f"--tau {tau}") if weighted or tau == "discrepancy" else None
     method = _solver_for(measured, tau) if solver is None else str(solver)
     sought = prior_named(prior, wavelet, measured)
     with progress_bar(method) as progress:

@@ -169,17 +169,19 @@ def tau_named(word: str | None, solver: str) -> TauRule | None:
     return TauFraction(fraction=fraction)
 
 
-def known_noise(frames: xr.Dataset, path: Path) -> np.ndarray:
+def known_noise(frames: xr.Dataset, path: Path, option: str) -> np.ndarray:
     """Return the variance of each measurement.
 
     Raises:
-        InputError: ``--weighted`` for frames that don't tell it.
+        InputError: ``option``, what the user asked for, for frames that don't tell it.
     """
-    from optsim.camera import noise_variance
+    from optsim.camera import noise_unknown, noise_variance
 
     variance = noise_variance(frames)
     if variance is None:
-        raise InputError("--weighted", str(path), "frames in DN that tell gain, read noise and dark current; so too for --tau discrepancy")
+        made = "as measure --noise and import-measurement --gain --read-noise write them"
+        form = f"given with frames in DN that have the attributes gain, read_noise_e and dark_e_per_s, {made}"
+        raise InputError(option, f"{path}: {noise_unknown(frames)}", form)
     return variance
 
 
