@@ -64,6 +64,15 @@ def test_M3_a_data_range_that_is_no_peak_is_refused(pair, value):
             metric(*pair, value)
 
 
+def test_M3_an_absent_range_is_the_largest_value_of_the_true_cube_whatever_the_estimate(pair):
+    estimate, truth = (a.copy() for a in pair)
+    truth[4, 5, 1] = 7.0
+    for scale in (1.0, 50.0):
+        result = score(estimate * scale, truth)
+        assert result.data_range == 7.0
+        assert result == score(estimate * scale, truth, 7.0)
+
+
 def test_M3_a_dark_truth_has_no_peak_and_the_range_used_is_told(pair):
     with pytest.raises(InputError, match="maximum of the true cube"):
         score(np.ones((8, 8, 2)), np.zeros((8, 8, 2)))
@@ -73,13 +82,16 @@ def test_M3_a_dark_truth_has_no_peak_and_the_range_used_is_told(pair):
 
 def test_M4_a_zero_spectrum_is_excluded_from_the_angle_and_counted(pair):
     estimate, truth = (a.copy() for a in pair)
-    full = spectral_angle(estimate[1:], truth[1:])
-    estimate, truth = estimate[1:], truth[1:]
+    cosine = (estimate * truth).sum(2) / np.sqrt((estimate**2).sum(2) * (truth**2).sum(2))
+    angle = np.rad2deg(np.arccos(cosine))
     truth[3, 4] = 0
     estimate[5, 6] = 0
+    others = np.ones(angle.shape, bool)
+    others[3, 4] = others[5, 6] = False
     result = score(estimate, truth)
     assert result.excluded_pixels == 2
-    assert result.sam_deg == pytest.approx(full.mean_deg, rel=0.02)
+    assert result.sam_deg == pytest.approx(angle[others].mean(), rel=1e-12)
+    assert abs(angle[others].mean() / (angle[others].sum() / angle.size) - 1) > 1e-3  # a zero counted as an angle of 0 would show
     assert spectral_angle(estimate * 0, truth) == (None, truth[:, :, 0].size)
 
 

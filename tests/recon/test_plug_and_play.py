@@ -5,7 +5,7 @@ import pytest
 import pywt
 from skimage.restoration import denoise_tv_chambolle
 
-from recon import L1, BasisPursuit, Cosine, Gap, InputError, Kronecker, PlugAndPlay, SpectralTotalVariation, learned, reconstruct
+from recon import L1, Admm, BasisPursuit, Cosine, Gap, InputError, Kronecker, PlugAndPlay, SpectralTotalVariation, learned, reconstruct
 from recon.coded_aperture import empty_cube
 
 
@@ -48,16 +48,59 @@ def test_it_solves_like_the_prior_that_its_denoiser_is(camera_of, cube_of, solve
     truth = cube_of(16, 4)
     operator = camera_of("mono", 2, 16, 4)
     frames = operator.forward(truth)
-
-    def denoise(picture: np.ndarray, sigma: float) -> np.ndarray:
-        """Soft threshold in a Haar basis by PyWavelets."""
-        parts, where = pywt.coeffs_to_array(pywt.wavedec2(picture, "haar", "periodization", level=3))
-        parts = np.sign(parts) * np.maximum(np.abs(parts) - sigma, 0)
-        return pywt.waverec2(pywt.array_to_coeffs(parts, where, output_format="wavedec2"), "haar", "periodization")
-
-    a = reconstruct(operator, frames, prior=PlugAndPlay(denoiser=denoise, spectral=Cosine()), solver=solver)
+    a = reconstruct(operator, frames, prior=PlugAndPlay(denoiser=haar, spectral=Cosine()), solver=solver)
     b = reconstruct(operator, frames, prior=L1(basis=Kronecker(wavelet="haar", level=3)), solver=solver)
     np.testing.assert_allclose(a.cube, b.cube, atol=1e-8)
+
+
+def haar(picture: np.ndarray, sigma: float) -> np.ndarray:
+    """Soft threshold in a Haar basis by PyWavelets."""
+    parts, where = pywt.coeffs_to_array(pywt.wavedec2(picture, "haar", "periodization", level=3))
+    parts = np.sign(parts) * np.maximum(np.abs(parts) - sigma, 0)
+    return pywt.waverec2(pywt.array_to_coeffs(parts, where, output_format="wavedec2"), "haar", "periodization")
+
+
+@pytest.mark.parametrize(
+    "solver", [Gap(max_iterations=40), BasisPursuit(max_iterations=40), Admm(max_iterations=40)], ids=lambda s: type(s).__name__
+)
+@pytest.mark.parametrize("spectral", [None, Cosine()], ids=["bands", "cosines"])
+def test_a_whole_cube_handed_over_is_solved_as_its_pictures_are_when_the_denoiser_takes_them_one_by_one(
+    camera_of, cube_of, solver, spectral
+):
+    seen = set()
+
+    def every(cube: np.ndarray, sigma: float) -> np.ndarray:
+        seen.add(cube.shape)
+        return np.stack([haar(cube[:, :, k], sigma) for k in range(cube.shape[2])], axis=2)
+
+    operator = camera_of("foveon", 1, 16, 4)
+    frames = operator.forward(cube_of(16, 4))
+    tau = 0.02 if solver.needs_tau else None
+    at_once = PlugAndPlay(denoiser=every, spectral=spectral, strength=0.7, whole=True)
+    one_by_one = PlugAndPlay(denoiser=haar, spectral=spectral, strength=0.7)
+    a, b = (reconstruct(operator, frames, prior=prior, solver=solver, tau=tau) for prior in (at_once, one_by_one))
+    assert seen == {(16, 16, 4)}
+    assert a.iterations == b.iterations
+    assert a.cube.any()
+    np.testing.assert_allclose(a.cube, b.cube, atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-12, 1e-3, 1e12, 1e30])
+@pytest.mark.parametrize("whole", [False, True])
+def test_X8_the_answer_scales_with_the_frames(camera_of, cube_of, scale, whole):
+    """The denoiser bends pictures and not only their size, so that it would show a unit that leaked into it."""
+
+    def bent(picture: np.ndarray, sigma: float) -> np.ndarray:
+        return picture / (1 + sigma * picture**2)
+
+    operator = camera_of("mono", 2, 16, 4)
+    frames = operator.forward(cube_of(16, 4))
+    prior = PlugAndPlay(denoiser=bent, whole=whole)
+    for solver, tau in ((Gap(max_iterations=40), None), (BasisPursuit(max_iterations=40), None), (Admm(max_iterations=40), 0.02)):
+        plain = reconstruct(operator, frames, prior=prior, solver=solver, tau=tau)
+        scaled = reconstruct(operator, frames * scale, prior=prior, solver=solver, tau=None if tau is None else tau * scale)
+        np.testing.assert_allclose(scaled.cube, plain.cube * scale, rtol=1e-6, atol=1e-9 * scale)
+        assert scaled.iterations == plain.iterations
 
 
 def test_denoisers_that_break_the_contract_are_named():

@@ -10,6 +10,7 @@ from recon.basis_pursuit import BasisPursuit
 from recon.coded_aperture import CodedAperture
 from recon.errors import InputError
 from recon.fista import Fista
+from recon.gap import Gap
 from recon.gpsr import Gpsr
 from recon.l1 import L1
 from recon.operator import LinearOperator
@@ -18,6 +19,7 @@ from recon.warm import warm_up
 
 SOLVERS = [(BasisPursuit(), None), (Admm(), 0.05), (Fista(), 0.05)]
 NAMES = ["basis-pursuit", "admm", "fista"]
+EVERY, EVERY_NAME = [*SOLVERS, (Gap(), None), (Gpsr(), 0.05)], [*NAMES, "gap", "gpsr"]
 
 
 class Plain:
@@ -106,7 +108,7 @@ def test_weights_whose_product_is_no_number_any_more_are_refused(camera_of):
         reconstruct(tiny, np.ones(operator.out_shape))
 
 
-@pytest.mark.parametrize(("solver", "tau"), SOLVERS, ids=NAMES)
+@pytest.mark.parametrize(("solver", "tau"), EVERY, ids=EVERY_NAME)
 def test_X5_dark_frames_give_zero_at_once(solver, tau, camera_of):
     operator = camera_of("bayer", 1, 16, 6)
     solution = reconstruct(operator, np.zeros(operator.out_shape), tau=tau, solver=solver)
@@ -116,7 +118,7 @@ def test_X5_dark_frames_give_zero_at_once(solver, tau, camera_of):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize(("solver", "tau"), SOLVERS, ids=NAMES)
+@pytest.mark.parametrize(("solver", "tau"), EVERY, ids=EVERY_NAME)
 def test_X6_frames_that_are_not_finite_are_refused_with_count_and_place(solver, tau, value, camera_of):
     operator = camera_of("foveon", 2, 16, 6)
     frames = np.ones(operator.out_shape)
@@ -179,12 +181,42 @@ def test_X18_fewer_and_more_measurements_than_voxels_are_both_solved(camera_of, 
         solution = reconstruct(operator, operator.forward(truth))
         assert solution.stop.converged
         assert solution.residual < 1e-8
+
+
+@pytest.mark.parametrize("solver", [Admm(), Gpsr(tolerance=1e-8)], ids=["admm", "gpsr"])
+@pytest.mark.parametrize(("sensor", "shots"), [("mono", 8), ("bayer", 8), ("foveon", 4)])
+def test_X18_more_measurements_than_voxels_leave_a_residual_at_noise_level(sensor, shots, solver, camera_of, cube_of):
+    """The least-squares residual is chi^2 with measurements - rank degrees of freedom; the rank is that of each row, by itself."""
+    operator = camera_of(sensor, shots, 32, 4)
     noise = 0.01 * np.random.Generator(np.random.Philox(9)).standard_normal(operator.out_shape)
-    noisy = operator.forward(truth) + noise
-    left = noisy - operator.forward(reconstruct(operator, noisy, tau=0, solver=Admm()).cube)
-    freedom = noisy.size - np.linalg.matrix_rank(operator.replace(masks=operator.masks[:, :1]).dense()) * 32
-    assert freedom > 0
-    assert 0.8 < (left**2).sum() / (1e-4 * freedom) < 1.4
+    noisy = operator.forward(cube_of(32, 4)) + noise
+    left = noisy - operator.forward(reconstruct(operator, noisy, tau=0, solver=solver).cube)
+    mosaic = operator.mosaic
+    rows = [
+        operator.replace(masks=operator.masks[:, [m]], mosaic=None if mosaic is None else mosaic[[m]]).dense()
+        for m in range(len(noisy[0, 0]))
+    ]
+    freedom = noisy.size - sum(np.linalg.matrix_rank(row) for row in rows)
+    assert freedom > 1000
+    assert abs((left**2).sum() / (1e-4 * freedom) - 1) < 3 / np.sqrt(freedom)
+
+
+@pytest.mark.parametrize(
+    "solver",
+    [Admm(tolerance=1e-7, max_iterations=20000), Fista(tolerance=1e-11, max_iterations=20000), Gpsr(tolerance=1e-9, max_iterations=20000)],
+    ids=["admm", "fista", "gpsr"],
+)
+@pytest.mark.parametrize(("sensor", "shots"), [("mono", 2), ("foveon", 1)])
+def test_X15_shots_taken_n_times_with_n_tau_have_the_same_minimiser(sensor, shots, solver, camera_of, cube_of):
+    once = camera_of(sensor, shots, 16, 6)
+    thrice = once.replace(masks=np.tile(once.masks, (3, 1, 1)))
+    frames = once.forward(cube_of(16, 6))
+    frames += 0.02 * np.random.Generator(np.random.Philox(2)).standard_normal(frames.shape)
+    one = reconstruct(once, frames, tau=0.05, solver=solver)
+    three = reconstruct(thrice, np.tile(frames, (3, 1, 1, 1)), tau=0.15, solver=solver)
+    assert three.objective == pytest.approx(3 * one.objective, rel=1e-6)
+    assert np.linalg.norm(three.cube - one.cube) < 2e-3 * np.linalg.norm(one.cube)
+    assert three.tau_max == pytest.approx(3 * one.tau_max, rel=1e-9)
 
 
 def test_X10_an_ill_conditioned_operator_is_reported_never_silent(camera_of, cube_of):
