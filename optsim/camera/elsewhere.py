@@ -54,6 +54,7 @@ def frames_from(
     values = values[:, None] if values.ndim == 3 else values
     patterns = check_masks(patterns[None] if patterns.ndim == 2 else patterns, gray=True)
     _check_shapes(values, patterns)
+    _check_light(values, patterns)
     shifts = _checked_shifts(shift_px, bands.count, patterns.shape[2], values.shape[3])
     first, taps = shift_taps(shifts)
     if mosaic is not None and values.shape[1] != 1:
@@ -86,6 +87,17 @@ def _check_shapes(values: np.ndarray, masks: np.ndarray) -> None:
         raise InputError("masks", f"{masks.shape[0]} masks", f"one a frame: {values.shape[0]}")
     if values.shape[2] != masks.shape[1]:
         raise InputError("masks", f"{masks.shape[1]} rows", f"{values.shape[2]} rows, as the frames have")
+
+
+def _check_light(values: np.ndarray, masks: np.ndarray) -> None:
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        where = tuple(int(i) for i in bad[0])
+        form = f"finite everywhere; first bad (shot, channel, y, x) is {where} (a pixel of infinite noise is left out by recon.reconstruct)"
+        raise InputError("frames", float(values[where]), form)
+    closed = np.flatnonzero(~(masks > 0).any((1, 2)))
+    if len(closed):
+        raise InputError("masks", f"shot {closed[0] + 1} closed everywhere", "open somewhere in every shot")
 
 
 def _checked_shifts(shift_px: ArrayLike, count: int, columns: int, width: int) -> np.ndarray:

@@ -23,11 +23,14 @@ from optsim.cli.data_words import (
     shifts_of,
     unit_masks,
 )
+from optsim.cli.inputs import FRAMES_ONLY, named_by, read_frames
 from optsim.cli.words import Output, wrote
 from optsim.errors import InputError
 
 FRAME_NAMES = ("meas_real", "meas", "frame", "frames", "simulation_test", "y")
 MASK_NAMES = ("mask", "masks", "Phi")
+TYPED = {"masks": "--mask", "mask": "--mask", "shift_px": "--shifts", "response": "--response", "mosaic": "--cfa", "offset": "--offset"}
+"""Options of import-measurement by the fields that they fill."""
 Wavelengths = Annotated[str | None, Parameter(help=f"Band centres in the order of the file: {WAVELENGTHS}.")]
 
 
@@ -39,7 +42,10 @@ def import_cube(
     variable: Annotated[str | None, Parameter(help="Which array, where the file holds several.")] = None,
     axes: Annotated[
         str | None,
-        Parameter(help="Axes of the stored array in its order: --axes=y,x,wavelength; a minus turns one round: --axes=-x,y,wavelength."),
+        Parameter(
+            help="Axes of the stored array in its order: y,x,wavelength; a minus turns one round: -x,y,wavelength.",
+            allow_leading_hyphen=True,
+        ),
     ] = None,
     wavelengths: Wavelengths = None,
     scale: Annotated[float, Parameter(help="Factor from the file's values to W m^-2 sr^-1 nm^-1.")] = 1.0,
@@ -76,7 +82,10 @@ def import_measurement(
     mask: Annotated[Path, Parameter(help="Mask or masks, one a frame: transmissions, or whole numbers that count up to their maximum.")],
     shifts: Annotated[
         str,
-        Parameter(help="Where each band falls, in px from the mask's column: a list, or one number = px a band (2 for KAIST / TSA)."),
+        Parameter(
+            help="Where each band falls, in px from the mask's column: a list, or one number = px a band (2 for KAIST / TSA).",
+            allow_leading_hyphen=True,
+        ),
     ],
     wavelengths: Annotated[str, Parameter(help=f"Band centres, in the order of the shifts: {WAVELENGTHS}.")],
     output: Output,
@@ -106,20 +115,23 @@ def import_measurement(
     from optsim.files.grids import doubtful
     from optsim.files.reader import Reader
 
-    writable(output, source=frames)
+    writable(output, source=frames, suffixes=FRAMES_ONLY)
     bands, order = bands_of_words(wavelengths)
     shift_px = shifts_of(shifts, bands.count)[order]
     chi = response_of(response, bands.count)[:, order]
     stack_axes = None if axes is None else tuple(word.strip() for word in axes.split(","))
     with Reader() as reader:
         values = read_pictures(frames, FRAME_NAMES, variable=variable, axes=stack_axes, reader=reader)
-        shown = read_pictures(mask, MASK_NAMES, variable=mask_variable, reader=reader)
-        mosaic = None if cfa is None else mosaic_of(read_pictures(cfa, ("cfa", "mosaic"), reader=reader))
+        shown = read_pictures(mask, MASK_NAMES, variable=mask_variable, reader=reader, options=("--mask-variable", "--mask"))
+        mosaic = (
+            None if cfa is None else mosaic_of(read_pictures(cfa, ("cfa", "mosaic"), reader=reader, options=("--cfa", "--cfa")), len(chi))
+        )
     values = channels_of(values, None if response is None else len(chi), frames.name, mosaic is not None)
     require_plausible(values, shown, offset)
     masks, factor = unit_masks(shown)
     attrs = {"offset": offset, **noise_of(gain, read_noise), "source_frames": frames.name, "source_mask": mask.name}
-    measured = frames_from(values, masks, shift_px, bands, response=factor * chi, mosaic=mosaic, attrs=attrs)
+    with named_by(TYPED | {"frames": frames.name}):
+        measured = frames_from(values, masks, shift_px, bands, response=factor * chi, mosaic=mosaic, attrs=attrs)
     write(measured, output)
     wrote(output, measured["frames"].shape, f"(shot, channel, y, x), {bands.count} bands {shift_px[0]:g} to {shift_px[-1]:g} px")
     for sentence in (*doubtful(bands.center), *doubts(measured)):
@@ -136,15 +148,13 @@ def export(
     truth: Annotated[Path | None, Parameter(help="The true cube, if known.")] = None,
 ) -> None:
     """Write a measurement for solvers that are not optsim's."""
-    from optsim.camera import check_frames
     from optsim.cube import bands_of, require_same_bands
-    from optsim.files import read, read_cube
+    from optsim.files import read_cube
     from optsim.files.tsa import write_tsa
 
     if output.exists() and not output.is_dir():
         raise InputError("-o", str(output), "a folder")
-    measured = read(frames)
-    check_frames(measured)
+    measured = read_frames(frames)
     cube = None if truth is None else read_cube(truth)
     if cube is not None:
         require_same_bands(bands_of(measured), bands_of(cube), "--truth")

@@ -155,7 +155,7 @@ def unit_masks(stack: np.ndarray) -> tuple[np.ndarray, float]:
     are divided by goes into the responses, so that H stays what it was.
     """
     if stack.shape[1] != 1 and (stack != stack[:, :1]).any():
-        raise InputError("--mask", stack.shape, "of one channel")
+        raise InputError("--mask", f"{stack.shape[1]} channels that differ", "a picture of one channel, gray")
     masks = stack[:, 0]
     peak = float(masks.max()) if masks.size and masks.dtype.kind != "b" else 0.0
     if not 1 < peak < float("inf"):
@@ -204,10 +204,23 @@ def noise_of(gain: float | None, read_noise_e: float | None) -> dict[str, float 
     return {"units": "DN", "gain": gain, "read_noise_e": read_noise_e, "dark_e_per_s": 0.0}
 
 
-def mosaic_of(stack: np.ndarray) -> np.ndarray:
-    """Return (y, x) whole numbers."""
+def mosaic_of(stack: np.ndarray, curves: int) -> np.ndarray:
+    """Return (y, x) whole numbers, each the index of one of so many curves.
+
+    Raises:
+        InputError: ``--cfa``, or ``--response`` when it has too few curves.
+    """
     import numpy as np
 
-    if stack.shape[:2] != (1, 1) or not np.array_equal(stack, np.round(stack)) or stack.min() < 0 or stack.max() > 100:
-        raise InputError("--cfa", stack.shape, "one picture of whole numbers from 0")
-    return stack[0, 0].astype(np.int8)
+    if stack.shape[:2] != (1, 1):
+        raise InputError("--cfa", stack.shape[:2], "one picture of one channel: (1, 1) shots and channels")
+    picture = stack[0, 0]
+    bad = np.argwhere(~((picture >= 0) & (picture <= 100) & (picture == np.round(picture))))
+    if len(bad):
+        where = tuple(int(i) for i in bad[0])
+        raise InputError("--cfa", picture[where].item(), f"whole numbers from 0 to 100; first other at (y, x) {where}")
+    most = int(picture.max())
+    if most >= curves:
+        form = f"{most + 1} curves apart by semicolons, one number a band, as --cfa has indices from 0 to {most}"
+        raise InputError("--response", f"{curves} curve{'s' * (curves != 1)}", form)
+    return picture.astype(np.int8)

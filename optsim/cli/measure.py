@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from cyclopts import Parameter
 
+from optsim.cli.inputs import FRAMES_ONLY
 from optsim.cli.modelled import budget_plan, modelled_camera, pattern_named, warn_of_ratio
 from optsim.cli.words import PAPER, Output, knowledge_named, mask_rule, sensor_named, wrote
 from optsim.errors import InputError
@@ -101,7 +102,7 @@ def measure(
         if given and not physical:
             raise InputError(name, given, "given with --physical")
     electronics = _noise(noise, bits, read_noise)
-    writable(output, source=cube)
+    writable(output, source=cube, suffixes=FRAMES_ONLY)
     if truth is not None:
         writable(truth, source=cube)
     chosen, shown = sensor_named(sensor, curves), pattern_named(pattern)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from optsim.cli.inputs import read_frames
 from optsim.cli.words import Output, known_noise, print_json, prior_named, progress_bar, solver_named, tau_named, wrote
 
 if TYPE_CHECKING:
@@ -48,13 +49,12 @@ def reconstruct(
     debias: Annotated[bool, Parameter(help="With gpsr: refit the coefficients that are not zero.", negative="")] = False,
 ) -> None:
     """Recover the cube from frames; the estimate comes back in the cube's units, of a foreign measurement in frames-units over response."""
-    from optsim.camera import check_frames, with_unit_shifts
-    from optsim.files import read, writable, write
+    from optsim.camera import with_unit_shifts
+    from optsim.files import writable, write
     from optsim.study.inverse import estimate_of, invert
 
     writable(output, source=frames)
-    measured = read(frames)
-    check_frames(measured)
+    measured = read_frames(frames)
     if operator == "unit-shift":
         measured = with_unit_shifts(measured)
     noise = known_noise(measured, frames, "--weighted" if weighted else f"--tau {tau}") if weighted or tau == "discrepancy" else None

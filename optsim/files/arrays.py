@@ -17,7 +17,13 @@ STACKS = {"mat5": ("y", "x", "shot"), "hdf5": ("y", "x", "shot"), "npy": ("shot"
 
 
 def read_pictures(
-    path: Path | str, known: Sequence[str], *, variable: str | None = None, axes: Sequence[str] | None = None, reader: Reader | None = None
+    path: Path | str,
+    known: Sequence[str],
+    *,
+    variable: str | None = None,
+    axes: Sequence[str] | None = None,
+    reader: Reader | None = None,
+    options: tuple[str, str] = ("--variable", "--axes"),
 ) -> np.ndarray:
     """Read a picture or a stack of pictures as (shot, channel, y, x).
 
@@ -27,6 +33,7 @@ def read_pictures(
         variable: name of the array; None: the only one of two to four axes, or the first known one.
         axes: of the stored array in its order, out of shot, channel, y, x; None: y, x for a picture, for a stack as its format has it.
         reader: decodes the file; None: a child process of its own.
+        options: what ``variable`` and ``axes`` are called in errors.
 
     Raises:
         InputError: naming file or array.
@@ -39,15 +46,19 @@ def read_pictures(
         listed = ", ".join(f"{a.name} {a.shape}" for a in list(arrays.values())[:10]) or "no picture"
         names = [variable] if variable is not None else [name for name in known if name in arrays] or list(arrays)
         if variable is None and len(arrays) > 1 and names[0] not in known:
-            raise InputError("variable", listed, f"named, as {path.name} holds several arrays")
+            raise InputError(options[0], listed, f"the name of one of the arrays of {path.name}")
         if not names or names[0] not in arrays:
-            raise InputError("variable", variable, f"a picture in {path.name}: {listed}")
+            raise InputError(options[0], variable, f"a picture in {path.name}: {listed}")
         found = arrays[names[0]]
         order: tuple[str, ...] = ("y", "x") if len(found.shape) == 2 else STACKS.get(source.format, ())
-        if axes is not None and len(axes) == len(found.shape):
+        if axes is not None:
             order = tuple(axes)
         if len(order) != len(found.shape) or len(set(order)) != len(order) or not {"y", "x"} <= set(order) <= {"shot", "channel", "y", "x"}:
-            raise InputError("--axes", axes, f"out of shot, channel, y, x, one for each axis of {path.name}:{found.name} {found.shape}")
+            raise InputError(
+                options[1],
+                found.shape if axes is None else ",".join(axes),
+                f"out of shot, channel, y, x, one for each axis of {path.name}:{found.name} {found.shape}",
+            )
         values = reader.read(source, found)
     stack = _as_stack(values, order)
     return _opaque(stack, path) if source.format == "png" else stack

@@ -65,7 +65,11 @@ def as_cube(source: Source, found: Found, values: np.ndarray, how: CubeImport) -
         "scale": how.scale,
     }
     values = values if np.array_equal(order, np.arange(centers.size)) else values[:, :, order]
-    return make_cube(values, Bands.from_centers(centers[order]), attrs=attrs)
+    try:
+        return make_cube(values, Bands.from_centers(centers[order]), attrs=attrs)
+    except InputError as error:
+        form = f"{error.allowed}; --crop and --range leave such places out"
+        raise InputError(f"{source.name}:{found.name}", error.value, form) from None
 
 
 def _axes_of(source: Source, found: Found) -> tuple[Axis, ...]:

@@ -60,20 +60,21 @@ def read_cube(path: Path | str) -> xr.Dataset:
     return cube
 
 
-def writable(path: Path | str, field: str = "-o", source: Path | None = None) -> Path:
+def writable(path: Path | str, field: str = "-o", source: Path | None = None, suffixes: tuple[str, ...] = tuple(_WRITERS)) -> Path:
     """Check an output path before the work starts: a known suffix, in a folder that can be written, and not the input.
 
     Args:
         path: file to write; its folder is made.
         field: named in errors.
         source: the file that is read, which must not be overwritten.
+        suffixes: endings that can hold what is to be written.
 
     Raises:
         InputError: naming ``field``.
     """
     path = Path(path)
-    if path.suffix not in _WRITERS:
-        raise InputError(field, str(path), f"a file path that ends in one of {', '.join(_WRITERS)}")
+    if path.suffix not in suffixes:
+        raise InputError(field, str(path), f"a file path that ends in {' or '.join(suffixes)}")
     if path.is_dir():
         raise InputError(field, str(path), "a file, not an existing folder")
     if source is not None and source.exists() and path.exists() and path.samefile(source):
@@ -89,5 +90,5 @@ def writable(path: Path | str, field: str = "-o", source: Path | None = None) ->
 
 def write(dataset: xr.Dataset, path: Path | str) -> None:
     """Write a Dataset in the format of the path's suffix: ``.nc`` anything, ``.exr`` cubes."""
-    path = writable(path)
+    path = writable(path, suffixes=tuple(_WRITERS) if "radiance" in dataset else (".nc",))
     _WRITERS[path.suffix](dataset, path)
