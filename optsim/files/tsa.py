@@ -17,20 +17,25 @@ if TYPE_CHECKING:
     import xarray as xr
 
 BENCHMARK_BANDS, BENCHMARK_STEP_PX = 28, 2
+TRUTH = Path("Truth") / "scene01.mat"
 HEADER_TEXT = 116
 """Bytes of free text at the start of a MATLAB 5 file."""
+SIGNATURE = b"MATLAB 5.0 MAT-file, written by optsim "
+GUESSED = "peak of the frame x 2 / bands, which stands for the peak of the true cube: that is not known"
+"""A mask that is half open lets half of the bands through to a pixel."""
 
 
 def write_tsa(frames: xr.Dataset, folder: Path | str, *, shot: int = 1, truth: np.ndarray | None = None) -> list[str]:
     """Write mask, shifted masks, measurement and, if known, the true cube as MATLAB 5 files.
 
     ``mask.mat`` (mask), ``mask_3d_shift.mat`` (mask_3d_shift), ``Measurements/scene1.mat`` (meas_real, of peak 1),
-    ``simulation_test.mat`` (simulation_test, in the units of the cube in ``Truth``), ``Truth/scene01.mat`` (img, of peak 1) and
-    ``measurement.json`` (shifts, wavelengths, factors). Everywhere meas = sum over bands of mask_3d_shift times the shifted cube.
+    ``simulation_test.mat`` (simulation_test, in units of the true cube's peak; without a truth the frame's peak stands for K/2 of
+    these), ``Truth/scene01.mat`` (img, of peak 1) and ``measurement.json`` (shifts, wavelengths, factors). Everywhere
+    meas = sum over bands of mask_3d_shift times the shifted cube.
 
     Args:
         frames: a measurement of one channel whose bands fall on columns (:func:`optsim.camera.make_frames`).
-        folder: is made; files of these names are replaced.
+        folder: is made; files of these names are replaced. Without a truth, one that an earlier export left there is removed.
         shot: which of the L shots, from 1.
         truth: (M, N, K) cube, or None.
 
@@ -38,7 +43,8 @@ def write_tsa(frames: xr.Dataset, folder: Path | str, *, shot: int = 1, truth: n
         Sentences on what solvers that have the benchmark's numbers built in will miss; empty when nothing.
 
     Raises:
-        InputError: ``frames`` of another form; ``--shot``; ``--truth`` of another shape or without light.
+        InputError: ``frames`` of another form; ``--shot``; ``--truth`` of another shape or without light; ``-o`` with the truth of
+            another program in it.
     """
     mask, weights = _masks(frames, shot)
     rows, columns = mask.shape
@@ -56,13 +62,14 @@ def write_tsa(frames: xr.Dataset, folder: Path | str, *, shot: int = 1, truth: n
     signal = (frames["frames"].values[shot - 1, 0].astype(np.float64) - float(frames.attrs.get("offset", 0.0))) / gain
     folder = Path(folder)
     unit = _unit(truth, (rows, columns, bands), signal)
+    _clear_truth(folder, kept=truth is not None)
     peak = float(np.abs(signal).max()) or 1.0
     _write(folder / "mask.mat", mask=mask)
     _write(folder / "mask_3d_shift.mat", mask_3d_shift=shifted)
     _write(folder / "Measurements" / "scene1.mat", meas_real=signal / peak)
     _write(folder / "simulation_test.mat", simulation_test=signal[None] / unit)
     if truth is not None:
-        _write(folder / "Truth" / "scene01.mat", img=np.asarray(truth, np.float64) / unit)
+        _write(folder / TRUTH, img=np.asarray(truth, np.float64) / unit)
     notes = {
         "written_by": f"optsim {__version__}",
         "shot": shot,
@@ -70,6 +77,7 @@ def write_tsa(frames: xr.Dataset, folder: Path | str, *, shot: int = 1, truth: n
         "shift_px": (first + (weights @ np.arange(weights.shape[1])) / weights.sum(1)).tolist(),
         "meas_real_times": peak,
         "simulation_test_and_img_times": unit,
+        "simulation_test_unit": "peak of the true cube" if truth is not None else GUESSED,
         "frame_units_per_cube_unit": gain,
     }
     with atomic_path(folder / "measurement.json") as temporary:
@@ -104,13 +112,29 @@ def _unit(truth: np.ndarray | None, shape: tuple[int, ...], signal: np.ndarray) 
     return peak
 
 
+def _clear_truth(folder: Path, kept: bool) -> None:
+    """Leave no truth of another measurement beside this one; a file that optsim did not write is never touched.
+
+    Raises:
+        InputError: ``-o``.
+    """
+    path = folder / TRUTH
+    if kept or not path.exists():
+        return
+    with path.open("rb") as file:
+        ours = file.read(len(SIGNATURE)) == SIGNATURE
+    if not ours:
+        raise InputError("-o", str(folder), f"a folder without {TRUTH}, which another program wrote, unless --truth replaces it")
+    path.unlink()
+
+
 def _write(path: Path, **variables: np.ndarray) -> None:
     """Write a MATLAB 5 file, atomically; the same variables always give the same bytes."""
     from scipy.io import savemat
 
     buffer = io.BytesIO()
     savemat(buffer, variables, do_compression=True)
-    text = f"MATLAB 5.0 MAT-file, written by optsim {__version__}".encode().ljust(HEADER_TEXT)
+    text = (SIGNATURE + __version__.encode()).ljust(HEADER_TEXT)
     with atomic_path(path) as temporary:
         temporary.write_bytes(text + buffer.getvalue()[HEADER_TEXT:])
 
@@ -119,9 +143,12 @@ def _missed(mask: tuple[int, ...], bands: int, weights: np.ndarray, first: np.nd
     result = []
     if bands != BENCHMARK_BANDS:
         result.append(f"{bands} bands: published networks are trained for {BENCHMARK_BANDS}")
-    stepped = weights.shape[1] == 1 and np.array_equal(first, BENCHMARK_STEP_PX * np.arange(bands))
-    if not stepped or width != mask[1] + BENCHMARK_STEP_PX * (bands - 1):
-        result.append(f"bands are not {BENCHMARK_STEP_PX} px apart: only solvers that take their operator from mask_3d_shift.mat are right")
+    only = "only solvers that take their operator from mask_3d_shift.mat are right"
+    expected = mask[1] + BENCHMARK_STEP_PX * (bands - 1)
+    if weights.shape[1] != 1 or not np.array_equal(first, BENCHMARK_STEP_PX * np.arange(bands)):
+        result.append(f"bands do not fall on columns 0, {BENCHMARK_STEP_PX}, {2 * BENCHMARK_STEP_PX}, ...: {only}")
+    elif width != expected:
+        result.append(f"the frame is {width} px wide, solvers with {BENCHMARK_STEP_PX} px a band built in expect {expected}: {only}")
     elif np.ptp(weights) > 1e-9 * np.abs(weights).max():
         result.append("the response differs from band to band: it is in mask_3d_shift.mat, but not in mask.mat")
     if mask not in ((256, 256), (660, 660)):
