@@ -7,11 +7,14 @@ from typing import ClassVar
 from pydantic import Field
 
 from recon.config import Config
-from recon.data_step import DataStep, data_step, largest_eigenvalue
+from recon.data_step import DataStep, data_step, doubts, largest_eigenvalue, least_squares_step, project
+from recon.lanczos import worst
 from recon.nonnegative import Bound
+from recon.operator_step import ProjectionStep
+from recon.precision import check_step
 from recon.problem import Found, OnIteration, Problem, blank, edge_cases
 from recon.solution import Stop
-from recon.splitting import Levels, Limits, State, levels_for, project, split
+from recon.splitting import Levels, Limits, State, levels_for, split
 
 BOUND_RHO = 0.1  # of the largest eigenvalue of H^T H: rho of the splitting at tau = 0
 LEVELS = Levels(start=3.0, end=0.6, decay=0.6 ** (1 / 20), hold=20)  # each new level costs new blocks, so it is held
@@ -44,7 +47,7 @@ class Admm(Config):
         if (found := edge_cases(problem, tau, tau_max, self.max_iterations)) is not None:
             return found
         if tau == 0 and not problem.nonnegative:
-            return least_squares(problem, tau_max)
+            return least_squares(problem, tau_max, Limits(self.tolerance, self.max_iterations, self.time_limit_s))
         scale = _rms_guess(problem)
         if tau == 0:
             return self._bounded_least_squares(problem, tau_max, scale, on_iteration)
@@ -81,17 +84,27 @@ class Admm(Config):
         limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
         state, stop = split(bounded, lambda level: step, Levels(1, 1, 1), self.relax, limits, scale, report)
         bounded.penalty.shrink(state.sparse, 0.0)
+        notes = (*step.notes, *doubts(problem.operator, problem.exact_frames))
         reason = f"tau = 0: the unregularised least-squares cube without negative values; {stop.reason}"
-        return Found(state.sparse, state.iterations, Stop(reason, stop.converged), 0.0, tau_max, step.notes)
+        return Found(state.sparse, state.iterations, Stop(reason, stop.converged), 0.0, tau_max, notes)
 
 
-def least_squares(problem: Problem, tau_max: float | None) -> Found:
-    """Return the least-squares cube nearest to the start: Eq. 4 at tau = 0."""
-    step = data_step(problem.operator, problem.exact_frames, 0.0)
+def least_squares(problem: Problem, tau_max: float | None, limits: Limits) -> Found:
+    """Return the least-squares cube nearest to the start: Eq. 4 at tau = 0, in one exact step or by conjugate gradients."""
+    step = least_squares_step(problem.operator, problem.exact_frames, limits.max_iterations, limits.out_of_time)
     start = blank(problem) if problem.start is None else problem.start
-    cube = project(step, project(step, start))
+    cube = project(step, start)
+    check_step(problem.frames.dtype, step.condition)
     reason = "tau = 0: the unregularised least-squares cube nearest to the start; give a tau above 0 or use basis pursuit for a sparse one"
-    return Found(cube, 1, Stop(reason, True), 0.0, tau_max, step.notes)
+    if not isinstance(step, ProjectionStep):
+        return Found(project(step, cube), 1, Stop(reason, True), 0.0, tau_max, step.notes)
+    reason += f"; {step.made} iterations of conjugate gradients, condition at least {step.seen:.1e}"
+    safe = step.seen <= worst(problem.frames.dtype)
+    if not safe:
+        reason += ", too ill-conditioned to trust"
+    elif not step.met:
+        reason += f"; the gradient has not vanished: raise max_iterations = {limits.max_iterations} or the time limit"
+    return Found(cube, step.made, Stop(reason, step.met and safe), 0.0, tau_max, (*step.notes, *step.warning()))
 
 
 def _rms_guess(problem: Problem) -> float:

@@ -5,11 +5,11 @@ import numpy as np
 from recon import threads
 from recon.coded_aperture import CodedAperture
 from recon.field_aperture import FieldAperture
-from recon.gram import REGULAR
+from recon.gram import LIMITED_BY, REGULAR
 from recon.operator_step import Sums
 
 FAITHFUL = 1e-9
-LIMITED = "limited by float32: {:g} of H H^T's largest entry was added to project on bands; float64 adds 1e-11"
+LIMITED = LIMITED_BY + ": {:g} of H H^T's largest entry was added to project on bands; float64 adds 1e-11"
 NEAR_SHARE = 0.9  # of a band's light that the columns kept there hold
 
 

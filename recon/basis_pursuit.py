@@ -6,12 +6,12 @@ from pydantic import Field
 
 from recon.coded_aperture import CodedAperture
 from recon.config import Config
-from recon.data_step import data_step
+from recon.data_step import data_step, project
 from recon.field_aperture import FieldAperture
 from recon.precision import check_step
 from recon.problem import Found, OnIteration, Problem, first_guess
 from recon.solution import Stop
-from recon.splitting import Levels, Limits, State, levels_for, project, split
+from recon.splitting import Levels, Limits, State, levels_for, split
 
 
 class BasisPursuit(Config):

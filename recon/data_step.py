@@ -4,7 +4,7 @@ rho = 0 projects on the cubes that explain the frames; rho > 0 is the proximal s
 operator ``diag(d) H`` keeps the exact step of H (theory.md (S.55)).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,16 @@ import numpy as np
 from recon import aperture_kernels, threads
 from recon.coded_aperture import CodedAperture, mosaic_tile, optics
 from recon.field_aperture import FieldAperture
-from recon.gram import CUTOFF, FAINT, known_gram
+from recon.gram import CUTOFF, FAINT, LIMITED_BY, known_gram
 from recon.operator import LinearOperator, RowWeighted, norm_squared
-from recon.operator_step import ConjugateStep, DataStep, OperatorStep, Sums
-from recon.reduce import EXACT, alike, merge_repeats, reduced, unweighted, whiten
+from recon.operator_step import ConjugateStep, DataStep, OperatorStep, ProjectionStep, Sums, rounding
+from recon.reduce import EXACT, alike, merge_repeats, nearly_dependent, reduced, unweighted, whiten
 
 COUPLED = 1e-3  # of H H^T's largest diagonal entry: what stands for rho = 0 where rows couple and only iterations solve
 FORCING = 0.03  # a step by iterations lowers the residual that it meets to this part; the splitting goes on converging
 ROWS_AT_ONCE = 16
+SEEN = 200
+"""Iterations of conjugate gradients that estimate a condition."""
 
 
 def data_step(operator: LinearOperator, frames: np.ndarray, rho: float, *, mixed: bool = False) -> DataStep:
@@ -39,9 +41,54 @@ def data_step(operator: LinearOperator, frames: np.ndarray, rho: float, *, mixed
         return _banded_step(inner, plain, rho, mixed and rho == 0, weights)
     gram = known_gram(operator)
     if gram is None:
-        return ConjugateStep(operator, frames, rho)
+        return ConjugateStep(operator, frames, rho) if rho > 0 else ProjectionStep(operator, frames)
     inverse = gram.inverse(rho)
     return OperatorStep(operator, frames, inverse, inverse.notes)
+
+
+def least_squares_step(operator: LinearOperator, frames: np.ndarray, iterations: int, late: Callable[[], bool]) -> DataStep:
+    """Build the step to the nearest least-squares cube: exact by blocks or bands, else conjugate gradients down to rounding.
+
+    Args:
+        operator, frames: as for ``data_step``.
+        iterations: of conjugate gradients, at most.
+        late: tells that the time is over.
+    """
+    if has_exact_step(operator):
+        return data_step(operator, frames, 0.0)
+    exact = 8 * rounding(operator)
+    return ProjectionStep(operator, frames, tolerance=exact, cutoff=exact**2, iterations=iterations, late=late)
+
+
+def has_exact_step(operator: LinearOperator) -> bool:
+    """Tell whether H H^T is known in blocks or bands, so that no step needs iterations."""
+    while isinstance(operator, RowWeighted):
+        operator = operator.operator
+    if isinstance(operator, CodedAperture | FieldAperture):
+        return isinstance(operator, CodedAperture) or not operator.rows_couple
+    return known_gram(operator) is not None
+
+
+def doubts(operator: LinearOperator, frames: np.ndarray) -> tuple[str, ...]:
+    """Say why the unregularised least-squares cube is unsafe, for solvers that make no exact step; nothing where it is not.
+
+    The blocks of H H^T tell; without any, what conjugate gradients see in 200 iterations on random frames (theory.md (S.35)).
+    """
+    if has_exact_step(operator):
+        known = (note.split(":")[0] for note in data_step(operator, frames, 0.0).notes if not note.startswith(LIMITED_BY))
+        return tuple(f"{note}: at tau = 0 weak directions are not resolved; take tau > 0" for note in known)
+    draw = np.random.Generator(np.random.Philox(0)).standard_normal(operator.out_shape)
+    step = ProjectionStep(operator, draw, tolerance=8 * rounding(operator), cutoff=0.0, iterations=SEEN)
+    project(step, np.zeros(operator.in_shape, operator.dtype))
+    return step.warning()
+
+
+def project(step: DataStep, cube: np.ndarray) -> np.ndarray:
+    """Apply a data step to a band-major cube (M, N, K) once more and return a new one: what float32 has lost comes back."""
+    z = np.ascontiguousarray(cube.transpose(2, 0, 1))
+    x = z.copy()
+    step.advance(z, x.copy(), x, 0.0)
+    return x.transpose(1, 2, 0)
 
 
 def _banded_step(
@@ -50,6 +97,8 @@ def _banded_step(
     from recon.banded import BandedStep, RowInverse, row_strength
 
     notes: list[str] = []
+    if rho == 0 and not mixed and operator.mosaic is None:
+        nearly_dependent(np.linalg.svd(operator.response, compute_uv=False), notes)
     less, merged, weights = reduced(operator, frames, weights, notes, mixed)
     if not (isinstance(less, FieldAperture) and less.rows_couple):
         return BandedStep(less, merged, rho, tuple(notes), weights)
@@ -85,6 +134,8 @@ class BlockStep:
         if mixed and alike(weights):
             response, merged = whiten(response, operator.mosaic, merged, notes)
             weights = None if weights is None else np.broadcast_to(weights[:, :1], merged.shape)
+        elif rho == 0 and operator.mosaic is None:
+            nearly_dependent(np.linalg.svd(response, compute_uv=False), notes)
         blocks = PixelBlocks(operator, masks, response, weights)
         inverse = blocks.inverse(rho, operator.dtype, notes)
         self.condition = blocks.condition

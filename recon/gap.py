@@ -6,10 +6,10 @@ from typing import ClassVar
 from pydantic import Field
 
 from recon.config import Config
-from recon.data_step import data_step
+from recon.data_step import data_step, project
 from recon.problem import Found, OnIteration, Problem, first_guess
 from recon.solution import Stop
-from recon.splitting import Limits, begin, project
+from recon.splitting import Limits, begin
 
 
 class Gap(Config):

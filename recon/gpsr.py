@@ -11,8 +11,10 @@ from pydantic import Field
 from recon.basis import Basis, Kronecker
 from recon.coded_aperture import empty_cube
 from recon.config import Config
+from recon.data_step import doubts
 from recon.errors import InputError
 from recon.l1 import L1Penalty
+from recon.lanczos import worst
 from recon.operator import LinearOperator
 from recon.problem import Found, OnIteration, Problem, edge_cases
 from recon.solution import Stop
@@ -27,8 +29,6 @@ FIRST_FRACTION = 0.1
 """Continuation starts at this fraction of tau_max, where a solution has few coefficients and comes in a dozen iterations."""
 STAGE_TOLERANCE = 1e-3
 """Continuation leaves a stage at this change of the objective over the window; more would be thrown away at the next tau."""
-WORST_CONDITION = 1e6
-"""Condition above which an unregularised answer is called unsafe (less where 1e-3 / rounding error is less: 8e3 in float32)."""
 
 
 class Gpsr(Config):
@@ -77,7 +77,8 @@ class Gpsr(Config):
             run = _Run(self, descent, limits, problem.light**2, on_iteration)
             stop = run.through(self._stages(tau, tau_max, fresh=problem.start is None))
             made, stop = self._debias(descent, limits, run.made, stop) if self.debias else (run.made, stop)
-        return Found(model.cube_of(descent.theta), made, stop, tau, tau_max, value=descent.l1)
+        notes = doubts(problem.operator, problem.exact_frames) if tau == 0 else ()
+        return Found(model.cube_of(descent.theta), made, stop, tau, tau_max, notes, value=descent.l1)
 
     def _stages(self, tau: float, tau_max: float, fresh: bool) -> list[float]:
         first = FIRST_FRACTION * tau_max
@@ -88,8 +89,8 @@ class Gpsr(Config):
 
     def _least_squares(self, descent: Descent, limits: Limits) -> tuple[int, Stop]:
         made, met, condition = descent.least_squares(None, limits)
-        reason = f"tau = 0 is unregularised least squares: {made} iterations of conjugate gradients, condition about {condition:.1e}"
-        if condition > min(WORST_CONDITION, 1e-3 / float(np.finfo(descent.theta.dtype).eps)):
+        reason = f"tau = 0 is unregularised least squares: {made} iterations of conjugate gradients, condition at least {condition:.1e}"
+        if condition > worst(descent.theta.dtype):
             return made, Stop(f"{reason}, too ill-conditioned to trust in {descent.theta.dtype}: take tau > 0", False)
         return made, Stop(reason if met else f"{reason}; tolerance {self.tolerance:.1e} not met: raise the limits", met)
 

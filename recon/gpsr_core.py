@@ -6,6 +6,7 @@ Figueiredo, Nowak and Wright (2007) minimise half of Eq. 4.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from recon import gpsr_kernels as kernels
 from recon import threads
+from recon.lanczos import condition
 from recon.splitting import Limits
 
 STEP_MIN, STEP_MAX = 1e-30, 1e30
@@ -32,7 +34,7 @@ class CoefficientModel(Protocol):
 
 
 class LeastSquares(NamedTuple):
-    """Iterations of conjugate gradients, whether the tolerance was met, and the condition of A as far as they saw it."""
+    """Iterations of conjugate gradients, whether the tolerance was met, and the condition of A as far as they saw it: at least that."""
 
     iterations: int
     converged: bool
@@ -139,7 +141,7 @@ class Descent:
             turns.append(power / before)
             search *= search.dtype.type(turns[-1])
             search += self.back
-        return LeastSquares(len(steps), power <= goal, _condition(steps, turns))
+        return LeastSquares(len(steps), power <= goal, math.sqrt(condition(steps, turns)))
 
     def _move(self, along: float) -> None:
         """Go from theta to theta + along delta, where ahead = A delta."""
@@ -164,16 +166,3 @@ class Descent:
     def _total(self, size: int) -> tuple[float, float]:
         total = self._sums[: kernels.chunk_count(size)].sum(axis=0)
         return float(total[0]), float(total[1])
-
-
-def _condition(steps: list[float], turns: list[float]) -> float:
-    """Estimate cond(A) from the Lanczos matrix that conjugate gradients build (Golub and Van Loan, 11.3.5); 1 without steps."""
-    from scipy.linalg import eigvalsh_tridiagonal
-
-    if not steps:
-        return 1.0
-    a, b = np.array(steps), np.array(turns)
-    diagonal = 1 / a
-    diagonal[1:] += b[:-1] / a[:-1]
-    values = eigvalsh_tridiagonal(diagonal, np.sqrt(b[:-1]) / a[:-1])
-    return float(np.sqrt(values[-1] / max(values[0], values[-1] * 1e-32)))

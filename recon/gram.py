@@ -11,6 +11,7 @@ from recon.operator import LinearOperator
 CUTOFF = 1e-6  # of a block's largest eigenvalue: below it an eigenvalue counts as 0 when rho = 0
 FAINT = 1e-12  # and below this part of the largest of all blocks
 REGULAR = {"float32": 1e-6, "float64": 1e-11}  # of a band's largest diagonal entry: what is added when rho = 0
+LIMITED_BY = "limited by float32"  # how the note on it begins
 
 
 @dataclass(frozen=True)

@@ -87,10 +87,16 @@ def whiten(response: np.ndarray, mosaic: np.ndarray | None, frames: np.ndarray, 
         size[size == 0] = 1
         return response / size[:, None], frames / size[mosaic]
     u, s, vt = np.linalg.svd(response, full_matrices=False)
+    rank = nearly_dependent(s, notes)
+    mix = u[:, :rank].T / s[:rank, None]
+    return np.ascontiguousarray(vt[:rank]), np.einsum("pc,lcmj->lpmj", mix, frames)
+
+
+def nearly_dependent(s: np.ndarray, notes: list[str]) -> int:
+    """Count the mixes of response curves that can be told apart, from the curves' singular values; note those that nearly can't."""
     rank = int((s > CUTOFF * s[0]).sum())
     if s[rank - 1] > 0 and rank < s.size and s[rank] > EXACT * s[0]:
         notes.append(
             f"the {s.size} response curves are nearly dependent (condition {s[0] / s[-1]:.1e}): only {rank} mixes of them were used"
         )
-    mix = u[:, :rank].T / s[:rank, None]
-    return np.ascontiguousarray(vt[:rank]), np.einsum("pc,lcmj->lpmj", mix, frames)
+    return rank

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from recon.coded_aperture import empty_cube
-from recon.data_step import DataStep, Sums
+from recon.operator_step import DataStep, Sums
 from recon.prior import Penalty
 from recon.problem import Problem
 from recon.solution import Stop
@@ -122,14 +122,6 @@ def split(
             sums = step.advance(z, w, x, relax)
         stop = _judge(state.iterations, sums, limits)
     return state, stop
-
-
-def project(step: DataStep, cube: np.ndarray) -> np.ndarray:
-    """Apply a data step to a band-major cube (M, N, K) once more and return a new one: what float32 has lost comes back."""
-    z = np.ascontiguousarray(cube.transpose(2, 0, 1))
-    x = z.copy()
-    step.advance(z, x.copy(), x, 0.0)
-    return x.transpose(1, 2, 0)
 
 
 def begin(problem: Problem) -> tuple[State, np.ndarray, np.ndarray, np.ndarray]:

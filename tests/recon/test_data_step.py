@@ -6,8 +6,7 @@ import pytest
 from recon import threads
 from recon.banded import BandedStep
 from recon.coded_aperture import CodedAperture
-from recon.data_step import BlockStep, ConjugateStep, data_step, largest_eigenvalue
-from recon.splitting import project
+from recon.data_step import BlockStep, ConjugateStep, data_step, largest_eigenvalue, project
 
 
 def dense_step(operator: CodedAperture, frames: np.ndarray, cube: np.ndarray, rho: float) -> np.ndarray:

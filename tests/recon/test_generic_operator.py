@@ -3,11 +3,25 @@
 import numpy as np
 import pytest
 
-from recon import L1, Admm, BasisPursuit, Fista, Gpsr, GramBands, GramBlocks, InputError, Kronecker, RowWeighted, adjoint_error, reconstruct
+from recon import (
+    L1,
+    Admm,
+    BasisPursuit,
+    CodedAperture,
+    Fista,
+    Gap,
+    Gpsr,
+    GramBands,
+    GramBlocks,
+    InputError,
+    Kronecker,
+    RowWeighted,
+    adjoint_error,
+    reconstruct,
+)
 from recon.adapted import Adapted, adapted
-from recon.data_step import data_step
-from recon.operator_step import ConjugateStep, OperatorStep
-from recon.splitting import project
+from recon.data_step import data_step, project
+from recon.operator_step import ConjugateStep, OperatorStep, ProjectionStep
 from recon.tau import AutoTau, TauPath
 
 
@@ -145,6 +159,106 @@ def test_what_knows_no_gram_falls_back_to_conjugate_gradients_with_the_same_answ
         ours = reconstruct(camera, frames, solver=solver, tau=tau).objective
         for operator in (plain, knowing):
             assert reconstruct(operator, frames, solver=solver, tau=tau).objective == pytest.approx(ours, rel=1e-3)
+
+
+class Foreign:
+    """One of our cameras of which only forward and adjoint show."""
+
+    def __init__(self, camera):
+        self.in_shape, self.out_shape, self.dtype = camera.in_shape, camera.out_shape, camera.dtype
+        self.forward, self.adjoint = lambda x: camera.forward(x), lambda y: camera.adjoint(y)
+
+
+def double(out_shape, seed=0):
+    operator = drawn(out_shape, (4, 4, 4), seed)
+    operator.dtype = np.float64
+    return operator
+
+
+def of_condition(condition, seed=0):
+    """A square operator of 4 x 4 x 4 voxels whose singular values fall from 1 to 1 / condition."""
+    draw = np.random.Generator(np.random.Philox(seed))
+    u, v = (np.linalg.qr(draw.standard_normal((64, 64)))[0] for _ in range(2))
+    operator = Matrix(u * np.logspace(0, -np.log10(condition), 64) @ v.T, (4, 4, 4), (64,))
+    operator.dtype = np.float64
+    return operator
+
+
+@pytest.mark.parametrize("measurements", [160, 40])
+@pytest.mark.parametrize(
+    ("solver", "near"), [(Admm(), 1e-8), (Fista(tolerance=1e-14, max_iterations=20000), 1e-5), (Gpsr(tolerance=1e-12), 1e-8)]
+)
+def test_X3_tau_0_is_least_squares_however_much_the_frames_contradict_each_other(solver, near, measurements):
+    operator = double((measurements,))
+    frames = np.random.Generator(np.random.Philox(7)).standard_normal(measurements)
+    judge = np.linalg.lstsq(operator.matrix, frames, rcond=None)[0]
+    found = reconstruct(operator, frames, prior=L1(basis=Kronecker(wavelet="haar", level=1)), tau=0, solver=solver)
+    assert found.stop.converged
+    np.testing.assert_allclose(found.cube.ravel(), judge, atol=near * np.abs(judge).max())  # Fista watches the objective only
+
+
+def test_X3_tau_0_starts_where_it_is_told_and_confesses_when_its_iterations_are_too_few():
+    operator = double((40,))
+    start = np.random.Generator(np.random.Philox(8)).standard_normal((4, 4, 4))
+    frames = np.random.Generator(np.random.Philox(7)).standard_normal(40)
+    found = reconstruct(operator, frames, tau=0, start=start)
+    step = np.linalg.pinv(operator.matrix) @ (frames - operator.matrix @ start.ravel())
+    np.testing.assert_allclose(found.cube.ravel(), start.ravel() + step, atol=1e-9)
+    few = reconstruct(operator, frames, tau=0, solver=Admm(max_iterations=5))
+    assert few.iterations == 5
+    assert not few.stop.converged
+    assert "raise max_iterations" in str(few.stop)
+    assert not reconstruct(operator, frames, tau=0, solver=Admm(time_limit_s=1e-9)).stop.converged
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize(("sensor", "shots"), [("mono", 3), ("mono", 8), ("bayer", 2)])
+def test_the_projection_without_a_gram_is_that_of_the_pseudo_inverse(sensor, shots, noise, camera_of):
+    camera = camera_of(sensor, shots, 6, 4)
+    h = dense_c_order(camera)
+    draw = np.random.Generator(np.random.Philox(5))
+    frames = camera.forward(draw.standard_normal(camera.in_shape)) + noise * draw.standard_normal(camera.out_shape)
+    step = data_step(Adapted(Foreign(camera)), frames, 0.0)
+    assert isinstance(step, ProjectionStep)
+    for _ in range(3):  # the second and third start from the last
+        cube = draw.standard_normal(camera.in_shape)
+        expected = cube.ravel() + np.linalg.pinv(h, rcond=1e-9) @ (frames.ravel() - h @ cube.ravel())
+        np.testing.assert_allclose(project(step, cube).ravel(), expected, atol=1e-8)
+    assert step.notes == ()
+
+
+@pytest.mark.parametrize("solver", [BasisPursuit(), Gap()], ids=["basis-pursuit", "gap"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize(("shots", "noise"), [(8, 0.0), (8, 0.01), (3, 0.01)])
+def test_a_camera_of_others_is_projected_on_as_ours_under_noise_too(shots, noise, dtype, solver, camera_of, cube_of):
+    camera, truth = camera_of("mono", shots, 16, 6), cube_of(16, 6)
+    frames = camera.forward(truth) + noise * np.random.Generator(np.random.Philox(3)).standard_normal(camera.out_shape)
+    ours = reconstruct(camera, frames, solver=solver)
+    theirs = reconstruct(Foreign(camera.astype(dtype)), frames, solver=solver)
+    assert theirs.stop.converged
+    assert theirs.residual == pytest.approx(ours.residual, rel=1e-3, abs=1e-6)
+    errors = [np.linalg.norm(found.cube - truth) / np.linalg.norm(truth) for found in (ours, theirs)]
+    assert errors[1] == pytest.approx(errors[0], rel=0.03)
+
+
+@pytest.mark.parametrize("bound", [False, True])
+@pytest.mark.parametrize("solver", [None, Gap(), Admm(), Fista(), Gpsr()], ids=["basis-pursuit", "gap", "admm", "fista", "gpsr"])
+def test_X10_no_solver_is_silent_about_a_condition_of_1e9(solver, bound):
+    if bound and isinstance(solver, Gpsr):
+        pytest.skip("has no bound")
+    tau = None if solver is None or isinstance(solver, Gap) else 0
+    twins = CodedAperture(
+        np.ones((1, 8, 8)), np.array([[1.0, 1.0], [1.0, 1.0 + 1e-9]]), np.zeros(2, int), np.ones((2, 1)), dtype=np.float64
+    )
+    for operator in (of_condition(1e9), twins):
+        frames = operator.forward(np.random.Generator(np.random.Philox(2)).random(operator.in_shape))
+        prior = L1(basis=Kronecker(wavelet="haar", level=1))
+        found = reconstruct(operator, frames, prior=prior, solver=solver, tau=tau, nonnegative=bound)
+        assert any("condition" in note for note in found.notes)
+    for operator in (of_condition(10.0), double((40,))):
+        frames = operator.forward(np.random.Generator(np.random.Philox(2)).random(operator.in_shape))
+        notes = reconstruct(operator, frames, prior=prior, solver=solver, tau=tau, nonnegative=bound).notes
+        assert not any("condition" in note for note in notes)
 
 
 def test_a_rule_for_tau_and_weights_serve_operators_of_others_too():

@@ -6,10 +6,9 @@ from scipy.optimize import minimize
 
 from recon import L1, Admm, BasisPursuit, FieldAperture, Fista, Gpsr, InputError, Kronecker, Readout, RowWeighted, Spread, reconstruct
 from recon.banded import RowInverse
-from recon.data_step import data_step, largest_eigenvalue
+from recon.data_step import data_step, largest_eigenvalue, project
 from recon.operator_step import ConjugateStep
 from recon.problem import root_weights
-from recon.splitting import project
 
 CAMERAS = [("mono", 3, False), ("bayer", 2, False), ("foveon", 2, False), ("foveon", 2, True), ("bayer", 2, True)]
 SOLVERS = [

@@ -80,3 +80,12 @@ def test_X16_masks_that_hardly_differ_are_solved_in_float64(difference, camera_o
     assert single == pytest.approx(double, abs=0.01)
     if chosen:
         assert any("condition of" in note for note in reconstruct(camera.astype(np.float32), frames).notes)
+
+
+@pytest.mark.parametrize("solver", [Admm(), Fista(tolerance=1e-12, max_iterations=5000), Gpsr(tolerance=1e-10)])
+@pytest.mark.parametrize(("sensor", "shots"), [("mono", 16), ("foveon", 4), ("mono", 2)])
+def test_X16_least_squares_loses_under_0_01_db(sensor, shots, solver, camera_of, cube_of, psnr_of):
+    truth, camera = cube_of(16, 4), camera_of(sensor, shots, 16, 4)
+    double, single, chosen = scores(psnr_of, truth, camera, camera.forward(truth), tau=0.0, solver=solver)
+    assert chosen == (np.prod(camera.out_shape) >= truth.size)
+    assert single == pytest.approx(double, abs=0.01)
