@@ -92,7 +92,10 @@ def import_measurement(
     variable: Annotated[str | None, Parameter(help="Which array holds the frames, where the file holds several.")] = None,
     mask_variable: Annotated[str | None, Parameter(help="Which array holds the masks.")] = None,
     axes: Annotated[
-        str | None, Parameter(help="Axes of a stack, out of shot,channel,y,x; if absent y,x,shot for MATLAB and shot,y,x for .npy.")
+        str | None, Parameter(help="Axes of a stack, out of scene,shot,channel,y,x; if absent y,x,shot for MATLAB and shot,y,x for .npy.")
+    ] = None,
+    scene: Annotated[
+        int | None, Parameter(help="Which scene, from 1, of an array that holds several: simulation_test, or --axes with scene.")
     ] = None,
     response: Annotated[
         str | None, Parameter(help="Response of each band, a list; 1 if absent (one channel only). Channels apart by semicolons.")
@@ -121,7 +124,7 @@ def import_measurement(
     chi = response_of(response, bands.count)[:, order]
     stack_axes = None if axes is None else tuple(word.strip() for word in axes.split(","))
     with Reader() as reader:
-        values = read_pictures(frames, FRAME_NAMES, variable=variable, axes=stack_axes, reader=reader)
+        values = read_pictures(frames, FRAME_NAMES, variable=variable, axes=stack_axes, scene=scene, reader=reader)
         shown = read_pictures(mask, MASK_NAMES, variable=mask_variable, reader=reader, options=("--mask-variable", "--mask"))
         mosaic = (
             None if cfa is None else mosaic_of(read_pictures(cfa, ("cfa", "mosaic"), reader=reader, options=("--cfa", "--cfa")), len(chi))

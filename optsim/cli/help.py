@@ -95,6 +95,8 @@ Shifts are whole or broken pixels of either sign. The result is a frames file fo
 
 Example: `optsim import-measurement scene1.mat --mask mask.mat --shifts 2 --wavelengths tsa-453.5 -o frames.nc`
 
+Example: `optsim import-measurement simulation_test.mat --scene 3 --mask mask.mat --shifts 2 --wavelengths tsa-453.5 -o frames.nc`
+
 Example: `optsim import-measurement frame.png --mask mask.png --shifts 0,0.9,2.1 --wavelengths 500,550,610 -o frames.nc`
 """,
     "export": """Write a measurement for solvers that are not optsim's.

@@ -43,7 +43,7 @@ def bring_in(folder, **changes):
         ({"mask": "several.mat"}, "--mask-variable: must be the name of one of the arrays of several.mat, got 'a (7, 7), b (8, 8)'"),
         ({"mask_variable": "other"}, "--mask-variable: must be a picture in m.npy: "),
         ({"variable": "other"}, "--variable: must be a picture in f.npy: "),
-        ({"axes": "y,x,z"}, "--axes: must be out of shot, channel, y, x"),
+        ({"axes": "y,x,z"}, "--axes: must be out of scene, shot, channel, y, x"),
         ({"cfa": "cfa.npy"}, "one number a band, as --cfa has indices from 0 to 2, got '1 curve'"),
         ({"cfa": "m.npy", "response": "1,1,1;2,2,2"}, "--cfa: must be integers from 0 to 1, of the frames' shape (8, 10)"),
         ({"cfa": "broken.npy"}, "--cfa: must be whole numbers from 0 to 100; first other at (y, x) (1, 2), got 0.5"),
