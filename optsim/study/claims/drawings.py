@@ -2,30 +2,44 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from optsim.camera.budgets import EqualTime
 from optsim.report import figures_target
-from optsim.report.data import BAYER, FOVEON, MONO_DISTINCT, MONO_REPEATED, Row, RunData, Series, Solve
-from optsim.report.figures_claims import Curve, CurvePanel, ForestPanel, Point, figure_curves, figure_forest
+from optsim.report.data import FOVEON, MONO_DISTINCT, MONO_REPEATED, Row, RunData, Solve
+from optsim.report.figures_claims import ForestPanel, Point, figure_forest
 from optsim.report.gallery import Gallery
 from optsim.report.select import Recipe as Shown
 from optsim.report.style import Drawn, styled
 from optsim.study.claims.answer import Claims
+from optsim.study.claims.captures import Lit
 from optsim.study.claims.judge import Judged
-from optsim.study.claims.measures import Table, psnr
+from optsim.study.claims.lines import against_ratio, electrons, light_curve, light_gaps
+from optsim.study.claims.paper import ANY
 from optsim.study.claims.plan import Task, tasks_of
-from optsim.study.claims.readings import MATCHED, NOISY, PHYSICAL, Reading
+from optsim.study.claims.readings import MATCHED, NOISY, PHYSICAL, SENSORS, Reading
 from optsim.study.claims.truths import truth_of
 from optsim.study.claims.worlds import TARGET_1, TARGET_2
 from optsim.study.plan import BANDS, MONO_SHOTS_PER_GROUP
-from optsim.study.statistics import paired_estimate
 from optsim.study.store import Store
 
+USUAL = (MONO_SHOTS_PER_GROUP, 1, 1)
+"""Shots of mono, Bayer and Foveon at R = 1/8."""
 PLACES = (("target1", "Target 1"), ("target2", "Target 2"), ("scenes", "Random scenes"))
 PAIRS = (("bayer-mono", "Bayer − mono"), ("foveon-mono", "Foveon − mono"), ("foveon-bayer", "Foveon − Bayer"))
+NAMES = {
+    MONO_DISTINCT.key: "against mono’s three shots with three masks",
+    MONO_REPEATED.key: "against mono’s three shots with one mask",
+    FOVEON.key: "Foveon against Bayer",
+}
+"""What a point of a forest compares, by its colour."""
+LINES = (
+    "A pair that a reading does not touch is left out. Each axis holds the bulk of the readings: an arrow with a number is a mean beyond "
+    "it, an arrow head at the end of a line an interval that goes on."
+)
+BUDGET = re.compile(r"budget ([A-F]) ")
 
 
 def draw(found: Claims, store: Store) -> list[tuple[str, list[Drawn]]]:
@@ -33,7 +47,7 @@ def draw(found: Claims, store: Store) -> list[tuple[str, list[Drawn]]]:
     folder = found.folder / "figures"
     with styled():
         forests = [forest(found, place, words, folder) for place, words in PLACES]
-        light = [light_curve(found, folder), *(light_gaps(found, mono, folder) for mono in (MONO_DISTINCT, MONO_REPEATED))]
+        light = [light_gaps(found, folder), light_curve(found, folder)]
         light += [*(budget_figure(found, place, words, folder) for place, words in PLACES)]
         shots = [against_ratio(found, folder)]
         groups: list[tuple[str, Sequence[Drawn | None]]] = [
@@ -47,21 +61,35 @@ def draw(found: Claims, store: Store) -> list[tuple[str, list[Drawn]]]:
 
 
 def forest(found: Claims, place: str, words: str, folder: Path) -> Drawn | None:
-    """Draw the three gaps at R = 1/8 under every reading, both readings of mono on one line; noise at one level only."""
-    level = f"{found.config.noise_e:g} electrons"
+    """Draw the three gaps for one colour shot under every reading, both readings of mono on one line; noise at one level only."""
+    level = f" {found.config.noise_e:g} electrons"
     rows = [r for r in gaps(found, place) if r.reading.data != NOISY or level in r.reading.change]
     caption = (
-        f"{words} at R = 1/8: mean paired difference of PSNR with its 95 % interval under every reading; yellow: what the paper claims. "
-        "Blue: monochrome’s three shots with three masks; light blue: with one mask. A pair that a reading does not touch is left out."
+        f"{words}: mean paired difference of PSNR with its 95 % interval under every reading, R = 1/8 (one colour shot, three of mono) "
+        f"unless the label gives other shots (mono / Bayer / Foveon). {claimed_words(rows)} {LINES} {same_words(rows)}"
     )
     panels, labels = forest_panels(rows, place, lambda row: label(row, found.config.size))
-    return figure_forest(panels, labels, folder, f"readings-{place}", f"Every reading: {words.lower()}", caption)
+    return figure_forest(panels, labels, NAMES, folder, f"readings-{place}", f"Every reading: {words.lower()}", caption.strip())
 
 
 def gaps(found: Claims, place: str) -> list[Judged]:
-    """Return the rows about gaps at R = 1/8 on a target or the random scenes, in the order of the readings."""
+    """Return the rows about gaps for one colour shot on a target or the random scenes, in the order of the readings."""
     named = {f"{place}-{pair}" for pair, _ in PAIRS}
     return [r for r in found.rows if r.claim.ident in named and r.groups == 1]
+
+
+def claimed_words(rows: Sequence[Judged]) -> str:
+    """Say what is shaded."""
+    if any(row.claim.size != ANY for row in rows):
+        return "Yellow: the size that the paper claims."
+    return "What happens on scenes at large is our own question, not the paper’s: no size is claimed and none is shaded."
+
+
+def same_words(rows: Sequence[Judged]) -> str:
+    """Say how the same solves under several readings are drawn."""
+    return "Letters beside a point: these light budgets let the compared sensors make the same solves, so they are one point." * any(
+        row.alike for row in rows
+    )
 
 
 def forest_panels(rows: Sequence[Judged], place: str, name: Callable[[Judged], str]) -> tuple[list[ForestPanel], list[str]]:
@@ -73,7 +101,8 @@ def forest_panels(rows: Sequence[Judged], place: str, name: Callable[[Judged], s
         for row in mine:
             points.setdefault(name(row), []).append(point(row))
         if mine:
-            panels.append(ForestPanel(title, points, (mine[0].claim.size.low, mine[0].claim.size.high)))
+            size = mine[0].claim.size
+            panels.append(ForestPanel(title, points, None if size == ANY else (size.low, size.high)))
     ranked = sorted(rows, key=lambda r: (r.reading.data == NOISY, r.reading.data == PHYSICAL, not r.reading.base))
     return panels, list(dict.fromkeys(name(row) for row in ranked))
 
@@ -82,75 +111,34 @@ def label(row: Judged, size: int) -> str:
     """Write a reading without its mask rule."""
     reading, large = row.reading, row.where.rsplit(", ", 1)[-1]
     data = "noise" if reading.data == NOISY else reading.data
-    name = f"{data}: BASE" if reading.base else f"{data}: {short(reading.change)}"
+    name = f"{data}: BASE" if reading.base else f"{data}: {short(reading)}"
     return name if large == f"{size} x {size}" else f"{name}, {large}"
 
 
-def short(change: str) -> str:
-    """Write a change in few words."""
-    return change.removeprefix("budget ").replace(" in every sensor's brightest pixel", "").replace(" of the responses", "")
+def short(reading: Reading) -> str:
+    """Write a change in few words; shots of the three sensors where they are not three of mono and one of each colour sensor."""
+    change = reading.change.removeprefix("budget ").replace(" of the responses", "")
+    change = change.replace(" in every sensor's brightest pixel", " in each").replace(" electrons", " e")
+    shots = shots_of(reading)
+    return change if shots in (None, USUAL) else f"{change}, shots {' / '.join(map(str, shots or ()))}"
+
+
+def shots_of(reading: Reading) -> tuple[int, ...] | None:
+    """Return the shots of mono, Bayer and Foveon under a light budget; None for other readings."""
+    captures = [reading.recipes[sensor].capture for sensor in SENSORS]
+    return tuple(c.shots for c in captures if isinstance(c, Lit)) or None
 
 
 def point(row: Judged) -> Point:
-    """Return a row as a point in the colour of its reading of mono."""
-    return Point(row.estimate.mean, row.estimate.low, row.estimate.high, row.reading.mono.key)
+    """Return a row as a point in the colour of what it compares, with the light budgets that share its solves."""
+    key = row.reading.mono.key if "mono" in row.claim.measure.sensors else FOVEON.key
+    return Point(row.estimate.mean, row.estimate.low, row.estimate.high, key, note(row))
 
 
-def light_curve(found: Claims, folder: Path) -> Drawn | None:
-    """Draw PSNR of the three sensors against light at equal total time (budget C)."""
-    panels = []
-    tables = [t for t in found.tables if t.reading.data == NOISY and EqualTime.name in t.reading.change]
-    for words, scenes in (("target 1", (TARGET_1,)), ("target 2", (TARGET_2,)), ("random scenes", None)):
-        curves = []
-        for series in (MONO_DISTINCT, MONO_REPEATED, BAYER, FOVEON):
-            points = {electrons(t.reading): p for t in tables if (p := level_of(t, series, scenes, found.config.seed)) is not None}
-            curves.append(Curve(series.key, series.label, sorted(points.items())))
-        panels.append(CurvePanel(words, curves))
-    caption = (
-        "PSNR at R = 1/8 against light when all sensors have the same total time (three monochrome shots share the exposure of "
-        "one colour "
-        "shot): brightest pixel of one monochrome shot of the full exposure. Efficiencies are assumed (mono and Bayer 0.5 at "
-        "their peaks, the Foveon’s layers "
-        "together 0.6). Bands: 95 % over masks (targets) or scenes."
-    )
-    return figure_curves(
-        panels, folder, "light", "Foveon, Bayer and mono against light at equal total time", caption, x_label="electrons", log=True
-    )
-
-
-def level_of(table: Table, series: Series, scenes: tuple[str, ...] | None, seed: int) -> Point | None:
-    """Return the mean PSNR of a series under one reading, or None where the reading is not about it."""
-    if series.sensor == "mono" and series != table.reading.mono:
-        return None
-    values = {s: list(table.values(s, 1, series.sensor, psnr).values()) for s in scenes or table.random_scenes}
-    values = {s: v for s, v in values.items() if v}
-    if not values:
-        return None
-    e = paired_estimate(values, seed)
-    return Point(e.mean, e.low, e.high, series.key)
-
-
-def electrons(reading: Reading) -> float:
-    """Return the level of light of a reading with noise."""
-    capture = reading.recipes["bayer"].capture
-    return float(capture.electrons)  # type: ignore[attr-defined]
-
-
-def light_gaps(found: Claims, mono: Series, folder: Path) -> Drawn | None:
-    """Draw the three gaps against light at equal total time, for one reading of mono."""
-    panels = []
-    for place, words in PLACES:
-        curves = []
-        for pair, key, words_pair in (("bayer-mono", BAYER.key, "Bayer − mono"), ("foveon-mono", FOVEON.key, "Foveon − mono")):
-            rows = [r for r in gaps(found, place) if r.claim.ident == f"{place}-{pair}" and r.reading.mono == mono]
-            rows = [r for r in rows if r.reading.data == NOISY and r.reading.change.startswith(f"budget {EqualTime.name}")]
-            points = [(electrons(r.reading), Point(r.estimate.mean, r.estimate.low, r.estimate.high, key)) for r in rows]
-            curves.append(Curve(key, words_pair, sorted(points, key=lambda p: p[0])))
-        panels.append(CurvePanel(words.lower(), curves))
-    masks = {"distinct": "three masks", "repeated": "one mask"}[mono.masks]
-    caption = f"The colour sensors over mono, whose three shots have {masks} and together the time of one colour shot; R = 1/8, paired."
-    title = f"Gaps against light at equal total time, mono with {masks}"
-    return figure_curves(panels, folder, f"light-gaps-{mono.masks}", title, caption, x_label="electrons", log=True)
+def note(row: Judged) -> str:
+    """Write which readings have the same solves: letters of light budgets."""
+    letters = [found[1] for change in (row.reading.change, *row.alike) if (found := BUDGET.match(change))]
+    return ", ".join(letters) if len(letters) > 1 else ""
 
 
 def budget_figure(found: Claims, place: str, words: str, folder: Path) -> Drawn | None:
@@ -158,36 +146,17 @@ def budget_figure(found: Claims, place: str, words: str, folder: Path) -> Drawn 
     rows = [r for r in gaps(found, place) if r.reading.data == NOISY and "," not in _after_level(r.reading.change)]
     rows = sorted(rows, key=lambda r: (r.reading.change[:9], electrons(r.reading)))
     caption = (
-        f"{words} at R = 1/8 under the light budgets A to F: mean paired difference of PSNR with its 95 % interval; yellow: "
-        "what the paper claims."
+        f"{words} under the light budgets A to F: mean paired difference of PSNR with its 95 % interval. One colour shot and three of "
+        "mono (R = 1/8) unless the label gives other shots (mono / Bayer / Foveon; R is "
+        f"shots / {BANDS} for mono, three times that for colour). "
+        f"{claimed_words(rows)} {LINES} {same_words(rows)}"
     )
-    panels, labels = forest_panels(rows, place, lambda row: short(row.reading.change))
-    return figure_forest(panels, labels, folder, f"budgets-{place}", f"Light budgets: {words.lower()}", caption)
+    panels, labels = forest_panels(rows, place, lambda row: short(row.reading))
+    return figure_forest(panels, labels, NAMES, folder, f"budgets-{place}", f"Light budgets: {words.lower()}", caption.strip())
 
 
 def _after_level(change: str) -> str:
     return change.split(" electrons", 1)[-1]
-
-
-def against_ratio(found: Claims, folder: Path) -> Drawn | None:
-    """Draw PSNR of the matched base against R on both targets and the random scenes."""
-    tables = [t for t in found.tables if t.reading.base and t.reading.data == MATCHED and t.size == found.config.size]
-    panels = []
-    for words, scenes in (("target 1", (TARGET_1,)), ("target 2", (TARGET_2,)), ("random scenes", None)):
-        curves = []
-        for series in (MONO_DISTINCT, MONO_REPEATED, BAYER, FOVEON):
-            points: dict[float, Point] = {}
-            for table in tables:
-                if series.sensor == "mono" and series != table.reading.mono:
-                    continue
-                for groups in sorted({g for s in scenes or table.random_scenes for g in table.groups(s)}):
-                    values = {s: list(table.values(s, groups, series.sensor, psnr).values()) for s in scenes or table.random_scenes}
-                    e = paired_estimate(values, found.config.seed)
-                    points[MONO_SHOTS_PER_GROUP * groups / BANDS] = Point(e.mean, e.low, e.high, series.key)
-            curves.append(Curve(series.key, series.label, sorted(points.items())))
-        panels.append(CurvePanel(words, curves))
-    caption = "Mean PSNR over bands of the matched base (basis pursuit) against R, with 95 % intervals over masks (targets) or scenes."
-    return figure_curves(panels, folder, "against-ratio", "PSNR against the compression ratio", caption, x_label="compression ratio R")
 
 
 def paper_figures(found: Claims, store: Store, data: str, folder: Path) -> list[Drawn | None]:
