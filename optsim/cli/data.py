@@ -68,7 +68,8 @@ def import_cube(
     cube = read(file, how)
     write(cube, output)
     said = cube.attrs
-    print(f"{said['source_format']}, {said['source_variable']}: {said['source_values']}, times {said['scale']:g}", file=sys.stderr)
+    stored = f"{said['source_format']}, {said['source_variable']}, axes {said['source_axes']}"
+    print(f"{stored}: {said['source_values']}, times {said['scale']:g} W m^-2 sr^-1 nm^-1", file=sys.stderr)
     nm = cube["wavelength"].values
     wrote(output, cube["radiance"].shape, f"(y, x, wavelength), {nm[0]:g} to {nm[-1]:g} nm")
     for sentence in doubtful(nm):

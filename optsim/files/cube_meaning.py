@@ -62,6 +62,7 @@ def as_cube(source: Source, found: Found, values: np.ndarray, how: CubeImport) -
         "source_file": source.name,
         "source_variable": found.name,
         "source_values": found.quantity or "as in the file",
+        "source_axes": ",".join(f"{'-' if axis.reverse else ''}{axis.name}" for axis in axes),
         "scale": how.scale,
     }
     values = values if np.array_equal(order, np.arange(centers.size)) else values[:, :, order]

@@ -113,3 +113,20 @@ def test_lists_that_begin_with_a_minus_need_no_equals_sign(folder):
     words = ["import", str(folder / "c.npy"), "--axes", "-y,x,wavelength", "--wavelengths", NM, "-o", str(folder / "c.nc")]
     assert _code(words) == 0
     np.testing.assert_array_equal(read(folder / "c.nc")["radiance"].values, values[::-1])
+
+
+def test_axes_and_scale_of_an_import_are_printed_with_their_unit_and_kept(tmp_path, capsys):
+    np.save(tmp_path / "c.npy", np.ones((3, 4, 5)))
+    words = ["import", str(tmp_path / "c.npy"), "--axes", "wavelength,-y,x", "--wavelengths", NM, "--scale", "0.25"]
+    assert _code([*words, "-o", str(tmp_path / "o.nc")]) == 0
+    assert ", array, axes wavelength,-y,x: as in the file, times 0.25 W m^-2 sr^-1 nm^-1" in capsys.readouterr().err
+    assert read(tmp_path / "o.nc").attrs["source_axes"] == "wavelength,-y,x"
+
+
+def test_the_quality_mode_says_which_bands_it_knows(tmp_path, capsys):
+    infrared = Bands.from_centers(np.linspace(900.0, 1000.0, 3))
+    write(frames_from(np.ones((16, 18)), np.eye(16), [0, 1, 2], infrared), tmp_path / "f.nc")
+    assert _code(["reconstruct", str(tmp_path / "f.nc"), "--prior", "quality", "-o", str(tmp_path / "e.nc")]) == 2
+    said = capsys.readouterr().err
+    assert "--prior: must be tv, l1 or group-l1, as quality needs bands within 380 to 780 nm" in said
+    assert "got 'quality for bands from 875 to 1025 nm'" in said
