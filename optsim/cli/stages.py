@@ -28,7 +28,10 @@ def reconstruct(
     ] = None,
     prior: Annotated[
         Literal["l1", "group-l1", "tv", "quality"],
-        Parameter(help="What cubes are like: few wavelets (the paper's), the same for all bands, few edges, or the quality mode."),
+        Parameter(
+            help="What cubes are like: few wavelets (the paper's), the same for all bands, few edges, or the quality mode"
+            " (bands from 380 to 780 nm)."
+        ),
     ] = "l1",
     tau: Annotated[
         str | None,

@@ -131,6 +131,9 @@ def prior_named(word: str, wavelet: str, frames: xr.Dataset) -> Prior:
         word: l1, group-l1, tv or quality.
         wavelet: of l1, group-l1 and quality.
         frames: whose sizes and bands count.
+
+    Raises:
+        InputError: ``--prior`` when quality knows nothing of these bands.
     """
     from recon import L1, GroupL1, Kronecker, SpectralTotalVariation
 
@@ -140,7 +143,12 @@ def prior_named(word: str, wavelet: str, frames: xr.Dataset) -> Prior:
         from optsim.cube import bands_of
         from optsim.study.library import quality
 
-        return quality(bands_of(frames)).model_copy(update={"wavelet": Kronecker(wavelet=wavelet).wavelet})
+        try:
+            known = quality(bands_of(frames))
+        except InputError as error:
+            form = f"tv, l1 or group-l1, as quality needs bands {error.allowed} (in Python recon.Quality() needs no library)"
+            raise InputError("--prior", f"quality for bands from {error.value}", form) from None
+        return known.model_copy(update={"wavelet": Kronecker(wavelet=wavelet).wavelet})
     basis = Kronecker.for_shape((frames.sizes["mirror_y"], frames.sizes["mirror_x"], frames.sizes["wavelength"]), wavelet=wavelet)
     return L1(basis=basis) if word == "l1" else GroupL1(basis=basis)
 
