@@ -18,6 +18,7 @@ from recon.operator_step import ConjugateStep, DataStep, OperatorStep, Projectio
 from recon.reduce import EXACT, alike, merge_repeats, nearly_dependent, reduced, unweighted, whiten
 
 COUPLED = 1e-3  # of H H^T's largest diagonal entry: what stands for rho = 0 where rows couple and only iterations solve
+BLURRED = f"rows couple: {COUPLED:g} of H H^T's largest entry was added to project on the frames, which are explained up to the residual"
 FORCING = 0.03  # a step by iterations lowers the residual that it meets to this part; the splitting goes on converging
 ROWS_AT_ONCE = 16
 SEEN = 200
@@ -102,7 +103,9 @@ def _banded_step(
     less, merged, weights = reduced(operator, frames, weights, notes, mixed)
     if not (isinstance(less, FieldAperture) and less.rows_couple):
         return BandedStep(less, merged, rho, tuple(notes), weights)
-    rho = rho if rho > 0 else COUPLED * row_strength(less)
+    if rho == 0:
+        rho = COUPLED * row_strength(less)
+        notes.append(BLURRED)
     whole: LinearOperator = less
     if weights is not None:
         whole, merged = RowWeighted(less, weights), merged * weights
