@@ -12,6 +12,8 @@ from recon.operator import LinearOperator, RowWeighted
 
 PARTS = ("in_shape", "out_shape", "forward", "adjoint")
 FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
+EXPLAINED = {"float32": 1e-3, "float64": 1e-5}
+"""Relative differences that rounding may make; operators of float64 may well compute in float32 inside."""
 
 
 class Adapted:
@@ -38,6 +40,7 @@ class Adapted:
         own = np.dtype(dtype if dtype is not None else getattr(operator, "dtype", None) or np.float32)
         self.dtype: np.dtype[Any] = own if own in FLOATS else FLOATS[0]
         self.strength = 1.0
+        self.takes_gram = True
 
     def normalised(self) -> tuple["Adapted", float]:
         """Return the operator divided by its largest response to a cube of random signs, and what that was.
@@ -54,26 +57,43 @@ class Adapted:
             raise InputError("operator.forward", size, "finite for a cube of +1 and -1")
         if size == 0:
             raise InputError("operator", 0.0, "different from 0: the camera sees nothing of a cube of random numbers")
-        inner = Adapted(self.operator, self.dtype)
+        inner = self.astype(self.dtype)
         inner.strength = self.strength * size
         return inner, size
 
-    def notes(self) -> tuple[str, ...]:
-        """Compare ``|H x|^2`` with ``<x, H^T H x>`` for one x, and say so when they differ by more than a thousandth."""
+    def examined(self, gram: bool = True) -> tuple["Adapted", tuple[str, ...], bool]:
+        """Hold the operator's parts against each other at one random x: ``|H x|^2 = <x, H^T H x>`` and ``<H x, G H x> = |H^T H x|^2``.
+
+        Args:
+            gram: look at G of ``gram_blocks`` too, which the solvers with exact data steps use.
+
+        Returns:
+            The operator to solve with, without a G that is not H H^T; a sentence for each part that is wrong by more than rounding
+            explains; whether the adjoint is right.
+        """
         inner, _ = self.normalised()
         x = np.random.Generator(np.random.Philox(1)).standard_normal(self.in_shape).astype(self.dtype)
         seen = inner.forward(x)
-        square, turned = float(np.vdot(seen, seen)), float(np.vdot(x, inner.adjoint(seen)))
-        if abs(turned - square) <= 1e-3 * square:
-            return ()
-        return (
-            f"adjoint is not the transpose of forward: <x, H^T H x> / |H x|^2 = {turned / square:.6g}, must be 1; the answer is unsafe",
-        )
+        back = inner.adjoint(seen)
+        turned, square = _dot(x, back), _dot(seen, seen)
+        if not abs(turned - square) <= EXPLAINED[self.dtype.name] * square:
+            ratio = f"<x, H^T H x> / |H x|^2 = {turned / square:.6g}, must be 1"
+            return self, (f"adjoint is not the transpose of forward: {ratio}; the answer is unsafe",), False
+        known = inner.gram_blocks() if gram else None
+        if known is None:
+            return self, (), True
+        told, square = _quadratic(known, seen.reshape(-1).astype(np.float64)), _dot(back, back)
+        if abs(told - square) <= EXPLAINED[self.dtype.name] * square:
+            return self, (), True
+        plain = self.astype(self.dtype)
+        plain.takes_gram = False
+        ratio = f"<H x, G H x> / |H^T H x|^2 = {told / square:.6g}, must be 1"
+        return plain, (f"gram_blocks is not H H^T of forward and adjoint: {ratio}; conjugate gradients took its place",), True
 
     def astype(self, dtype: Any) -> "Adapted":
         """Return the same operator giving another type."""
         other = Adapted(self.operator, dtype)
-        other.strength = self.strength
+        other.strength, other.takes_gram = self.strength, self.takes_gram
         return other
 
     def forward(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -85,8 +105,8 @@ class Adapted:
         return self._into(self.operator.adjoint(_read_only(y, self.dtype)), self.in_shape, out, "operator.adjoint")
 
     def gram_blocks(self) -> GramBlocks | GramBands | None:
-        """Return the operator's own H H^T, or None."""
-        if not isinstance(self.operator, KnowsGram):
+        """Return the operator's own H H^T, or None when it knows none or a wrong one."""
+        if not (self.takes_gram and isinstance(self.operator, KnowsGram)):
             return None
         gram = checked_gram(self.operator.gram_blocks(), self.out_shape)
         return gram if gram is None or self.strength == 1 else gram.scaled(np.full(int(np.prod(self.out_shape)), 1 / self.strength))
@@ -108,6 +128,21 @@ def adapted(operator: Any) -> LinearOperator:
         inner = adapted(operator.operator)
         return operator if inner is operator.operator else RowWeighted(inner, operator.weights)
     return Adapted(operator)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.vdot(a.astype(np.float64), b.astype(np.float64)))
+
+
+def _quadratic(gram: GramBlocks | GramBands, y: np.ndarray) -> float:
+    """Return ``<y, G y>`` of flat y."""
+    part = y[gram.index]
+    if isinstance(gram, GramBlocks):
+        return float(np.einsum("bs,bsq,bq->", part, gram.matrix, part, optimize=True))
+    total = float((gram.bands[:, :, 0] * part**2).sum())
+    for offset in range(1, min(gram.bands.shape[2:] + part.shape[1:])):
+        total += 2 * float((gram.bands[:, offset:, offset] * part[:, offset:] * part[:, :-offset]).sum())
+    return total
 
 
 def _read_only(array: np.ndarray, dtype: np.dtype[Any]) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,6 +73,7 @@ def reconstruct(
         problem = pose(operator, frames, prior, start=start, noise=noise, nonnegative=nonnegative)
         if problem is None:
             return _dark(operator, solver, tau, time.perf_counter() - began)
+        operator, faults, sound = _examined(operator, solver)
         value, choice = _resolved(tau, operator, frames, prior, noise, nonnegative) if solver.needs_tau else (None, None)
         if choice is not None:
             start = choice.start if start is None else start
@@ -85,7 +87,24 @@ def reconstruct(
             problem = pose(operator, frames, prior, start=start, tau=value, noise=noise, nonnegative=nonnegative)
             found = _found(problem, solver, on_iteration)
         assert problem is not None
-        return _solution(operator, problem, found, notes, began)
+        if not sound:
+            stop = Stop(f"{found.stop.reason}; but adjoint and forward contradict each other: mend them first", False)
+            found = replace(found, stop=stop)
+        return _solution(operator, problem, found, (*faults, *_notes(operator), *notes), began)
+
+
+def _examined(operator: LinearOperator, solver: Solver) -> tuple[LinearOperator, tuple[str, ...], bool]:
+    """Return the operator to solve with, what speaks against it, and whether its adjoint is right; only those of others are in doubt."""
+    from recon.admm import Admm
+    from recon.basis_pursuit import BasisPursuit
+    from recon.gap import Gap
+
+    if isinstance(operator, RowWeighted):
+        inner, faults, sound = _examined(operator.operator, solver)
+        return operator if inner is operator.operator else RowWeighted(inner, operator.weights), faults, sound
+    if isinstance(operator, Adapted):
+        return operator.examined(gram=isinstance(solver, Admm | BasisPursuit | Gap))
+    return operator, (), True
 
 
 def _found(problem: Problem | None, solver: Solver, on_iteration: OnIteration | None) -> Found:
@@ -157,7 +176,7 @@ def _solution(operator: LinearOperator, problem: Problem, found: Found, notes: t
         seconds=time.perf_counter() - began,
         residual=math.sqrt(misfit / size),
         tau_max=None if found.tau_max is None else problem.outer_tau(found.tau_max),
-        notes=(*_notes(operator), *notes, *found.notes),
+        notes=(*notes, *found.notes),
     )
 
 
@@ -181,8 +200,6 @@ def _scaled(cube: np.ndarray, unit: float) -> np.ndarray:
 def _notes(operator: LinearOperator) -> tuple[str, ...]:
     if isinstance(operator, RowWeighted):
         return _notes(operator.operator)
-    if isinstance(operator, Adapted):
-        return operator.notes()
     if not isinstance(operator, CodedAperture | FieldAperture):
         return ()
     shots, repeated = operator.out_shape[0], operator.repeated_shots()

@@ -11,6 +11,8 @@ from recon import (
     Fista,
     Gap,
     Gpsr,
+    GramBands,
+    GramBlocks,
     InputError,
     Kronecker,
     RowWeighted,
@@ -223,6 +225,80 @@ def test_an_operator_that_works_in_place_is_stopped_before_it_spoils_the_solve(p
     setattr(operator, part, in_place)
     with pytest.raises(ValueError, match="read-only"):
         reconstruct(operator, np.ones(20), solver=solver, tau=0.1 if solver.needs_tau else None)
+
+
+class Knowing(Matrix):
+    """A dense matrix that also tells its H H^T: in blocks where ``reach`` is 1, else in bands."""
+
+    def __init__(self, reach, dtype=np.float64):
+        draw = np.random.Generator(np.random.Philox(reach))
+        chains = np.zeros((30, 36))  # 5 groups of 6 measurements: of one pixel, or of a row whose neighbours share voxels
+        for b in range(5):
+            for i in range(6):
+                chains[6 * b + i, 7 * b : 7 * b + 7] = draw.random(7) * (1 if reach == 1 else (np.abs(np.arange(7) - i) < reach / 2))
+        super().__init__(chains, (3, 4, 3), dtype)
+        self.index, self.gram = np.arange(30).reshape(5, 6), chains @ chains.T
+        self.reach = reach
+
+    def gram_blocks(self):
+        blocks = self.gram[self.index[:, :, None], self.index[:, None, :]]
+        if self.reach == 1:
+            return GramBlocks(self.index, blocks)
+        bands = np.zeros((5, 6, self.reach))
+        for d in range(self.reach):
+            bands[:, d:, d] = np.diagonal(blocks, -d, 1, 2)
+        return GramBands(self.index, bands)
+
+
+def without_neighbours(operator):
+    operator.gram = np.diag(np.diag(operator.gram))
+
+
+def in_another_order(operator):
+    right = operator.gram_blocks()
+    matrix = right.matrix if operator.reach == 1 else right.bands
+    operator.gram_blocks = lambda: type(right)(np.roll(operator.index, 1), matrix)
+
+
+def twice_too_large(operator):
+    operator.gram = 2 * operator.gram
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("reach", [1, 3])
+@pytest.mark.parametrize("wrong", [None, twice_too_large, without_neighbours, in_another_order])
+def test_a_gram_that_is_not_h_ht_is_told_and_not_used(wrong, reach, dtype):
+    operator, plain = Knowing(reach, dtype), Matrix(Knowing(reach).matrix, (3, 4, 3), dtype)
+    frames = operator.forward(np.random.Generator(np.random.Philox(1)).random(operator.in_shape))
+    if wrong is not None:
+        wrong(operator)
+    for solver, tau in ((Admm(), 0.05), (BasisPursuit(max_iterations=30), None), (Gap(max_iterations=30), None)):
+        for noise in (None, np.ones(30)):
+            found = reconstruct(operator, frames, solver=solver, tau=tau, noise=noise)
+            assert (wrong is not None) == any(note.startswith("gram_blocks is not H H^T") for note in found.notes[:1])
+            if wrong is not None:
+                without = reconstruct(plain, frames, solver=solver, tau=tau, noise=noise)
+                np.testing.assert_array_equal(found.cube, without.cube)
+                assert found.stop == without.stop
+    assert not any("gram_blocks" in note for note in reconstruct(operator, frames, solver=Fista(), tau=0.05).notes)
+    own = reconstruct(RowWeighted(operator, np.full(30, 2.0)), frames, tau=0.05)
+    assert (wrong is not None) == ("gram_blocks is not H H^T" in str(own))
+
+
+@pytest.mark.parametrize(("dtype", "off"), [(np.float32, 1.01), (np.float64, 1.0001)])
+def test_a_wrong_adjoint_is_told_first_and_nothing_is_called_converged(dtype, off):
+    operator = Knowing(1, dtype)
+    frames = operator.forward(np.random.Generator(np.random.Philox(1)).random(operator.in_shape))
+    assert reconstruct(operator, frames, tau=0.05).stop.converged
+    right, seen = operator.adjoint, []
+    operator.adjoint = lambda y: right(y) * off
+    weighted = RowWeighted(operator, np.full(30, 2.0))
+    for given in ({"tau": 0.05}, {"tau": 0.05, "solver": Fista()}, {"solver": Gap()}, {"tau": 0.05, "noise": np.ones(30)}):
+        for taken in (operator, weighted):
+            found = reconstruct(taken, frames, on_iteration=lambda i, value: seen.append(value), **given)
+            assert found.notes[0].startswith("adjoint is not the transpose of forward")
+            assert not found.stop.converged
+    assert seen
 
 
 def test_X7_a_field_camera_whose_pixels_are_all_blind_is_refused_when_it_is_used():
