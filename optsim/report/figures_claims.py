@@ -136,7 +136,7 @@ def _forest(ax: Axes, panel: ForestPanel, labels: Sequence[str]) -> list[str]:
             _point(ax, p, y + 0.32 * (i - (len(points) - 1) / 2), ends)
     ax.set_xlim(*ends)
     ax.set_title(panel.title, loc="left")
-    ax.set_xlabel("dB")
+    ax.set_xlabel("PSNR difference, dB")
     ax.tick_params(axis="y", length=0)
     return [p.key for p in every]
 
