@@ -22,6 +22,8 @@ from recon.solution import Solution, Stop
 if TYPE_CHECKING:
     from recon.tau import TauChoice, TauRule
 
+UNEXPLAINED = 1e-3
+"""Relative residual of a solver that explains the frames where it can, above which rounding is not the reason."""
 REAL_NUMBER = (int, float, np.integer, np.floating)
 
 
@@ -167,6 +169,9 @@ def _solution(operator: LinearOperator, problem: Problem, found: Found, notes: t
     misfit, value = problem.misfit(found.cube), found.value if found.value is not None else problem.penalty.value(found.cube)
     objective = value * problem.unit if found.tau is None else (misfit + found.tau * value) * problem.light**2
     size = float(np.vdot(problem.exact_frames, problem.exact_frames))
+    residual = math.sqrt(misfit / size)
+    if found.tau is None and found.stop.converged and residual > UNEXPLAINED:
+        notes += (f"H explains all but {100 * residual:.2g} % of the frames: noise, or are shifts, masks or the dark level wrong?",)
     return Solution(
         cube=_scaled(found.cube, problem.unit),
         objective=objective,
@@ -174,7 +179,7 @@ def _solution(operator: LinearOperator, problem: Problem, found: Found, notes: t
         iterations=found.iterations,
         tau=None if found.tau is None else problem.outer_tau(found.tau),
         seconds=time.perf_counter() - began,
-        residual=math.sqrt(misfit / size),
+        residual=residual,
         tau_max=None if found.tau_max is None else problem.outer_tau(found.tau_max),
         notes=(*notes, *found.notes),
     )
