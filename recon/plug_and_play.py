@@ -118,5 +118,7 @@ class DenoiserPenalty:
         found = np.asarray(self._denoiser(given, sigma))
         if found.shape != given.shape or not np.isfinite(found).all():
             what = found.shape if found.shape != given.shape else "values that are not finite"
-            raise InputError("PlugAndPlay.denoiser", what, f"to return finite pictures of the shape it was given, {given.shape}")
+            raise InputError(
+                "PlugAndPlay.denoiser", what, f"a function that returns finite pictures of the shape it was given, {given.shape}"
+            )
         return found

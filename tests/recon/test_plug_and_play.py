@@ -106,7 +106,7 @@ def test_X8_the_answer_scales_with_the_frames(camera_of, cube_of, scale, whole):
 def test_denoisers_that_break_the_contract_are_named():
     cube = banded(np.ones((4, 5, 3)))
     for bad in (lambda p, s: p[1:], lambda p, s: p * np.nan):
-        with pytest.raises(InputError, match=r"^PlugAndPlay\.denoiser: must be to return finite pictures"):
+        with pytest.raises(InputError, match=r"^PlugAndPlay\.denoiser: must be a function that returns finite pictures"):
             PlugAndPlay(denoiser=bad).bind(cube.shape, np.float64).shrink(cube, 0.1)
     for bad in ({"denoiser": 3}, {"denoiser": chambolle, "weights": (0.0,)}, {"denoiser": chambolle, "spectral": 1}):
         with pytest.raises(InputError, match=r"^PlugAndPlay\."):
