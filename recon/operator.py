@@ -121,8 +121,11 @@ def in_precision(operator: LinearOperator, dtype: Any) -> LinearOperator:
     return operator if operator.dtype == dtype else cast(LinearOperator, change.astype(dtype))
 
 
-def adjoint_error(operator: LinearOperator, seed: int = 0) -> float:
+def adjoint_error(operator: Operator, seed: int = 0) -> float:
     """Measure ``|<Hx, y> - <x, H^T y>| / (||Hx|| ||y||)`` on one pair of Gaussian arrays (theory.md (S.3))."""
+    from recon.adapted import adapted
+
+    operator = adapted(operator)
     draw = np.random.Generator(np.random.Philox(seed))
     x = draw.standard_normal(operator.in_shape).astype(operator.dtype)
     y = draw.standard_normal(operator.out_shape).astype(operator.dtype)
@@ -132,8 +135,11 @@ def adjoint_error(operator: LinearOperator, seed: int = 0) -> float:
     return float(gap / size) if size > 0 else float(gap)
 
 
-def norm_squared(operator: LinearOperator, iterations: int = 40, seed: int = 0) -> float:
+def norm_squared(operator: Operator, iterations: int = 40, seed: int = 0) -> float:
     """Estimate the largest eigenvalue of H^T H by the power method, from below; callers add a margin (5 %)."""
+    from recon.adapted import adapted
+
+    operator = adapted(operator)
     draw = np.random.Generator(np.random.Philox(seed))
     x = np.abs(draw.standard_normal(operator.in_shape)).astype(operator.dtype)
     value = 0.0

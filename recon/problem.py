@@ -163,10 +163,7 @@ def pose(
             ``start`` and ``noise`` likewise; ``operator`` for one that can't be used; what the prior refuses.
     """
     own = adapted(operator)
-    asked = L1() if prior is None else prior
-    if isinstance(asked, type) or not callable(getattr(asked, "bind", None)):
-        allowed = "a prior such as recon.L1() or recon.TotalVariation(), neither a name nor a class; a basis goes into L1(basis=...)"
-        raise InputError("prior", asked, allowed)
+    asked = L1() if prior is None else checked_prior(prior)
     if not isinstance(nonnegative, bool | np.bool_):
         raise InputError("nonnegative", nonnegative, "True or False")
     penalty = asked.bind(own.in_shape, own.dtype)
@@ -174,6 +171,14 @@ def pose(
     if problem is None:
         return None
     return replace(problem, tau=None if tau is None else problem.inner_tau(tau), prior_name=type(asked).__name__)
+
+
+def checked_prior(prior: Prior) -> Prior:
+    """Refuse names, classes, arrays and bases in place of a prior."""
+    if isinstance(prior, type) or not callable(getattr(prior, "bind", None)):
+        allowed = "a prior such as recon.L1() or recon.TotalVariation(), neither a name nor a class; a basis goes into L1(basis=...)"
+        raise InputError("prior", prior, allowed)
+    return prior
 
 
 def prepare(

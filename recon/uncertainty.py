@@ -16,7 +16,7 @@ from recon.errors import InputError
 from recon.operator import Operator
 from recon.problem import Problem, Solver
 from recon.solution import Solution
-from recon.tau.choice import Given
+from recon.tau.choice import Given, as_given
 
 if TYPE_CHECKING:
     from recon.tau.choice import TauRule
@@ -105,7 +105,7 @@ def estimate_error(
     Raises:
         InputError: see :func:`recon.reconstruct`; ``frames`` when they are zero everywhere.
     """
-    about, plan = Given() if given is None else given, Displaced() if how is None else how
+    about, plan = as_given(given), Displaced() if how is None else how
     plain = Given(about.prior, None, about.nonnegative, about.threads)
     problem = plain.pose(operator, frames)
     if problem is None:

@@ -9,10 +9,12 @@ import numpy as np
 from pydantic import Field
 
 from recon import threads as pool
+from recon.arrays import real_array
 from recon.config import Config
+from recon.errors import InputError
 from recon.operator import Operator
 from recon.prior import Prior
-from recon.problem import OnIteration, Problem, Solver, pose
+from recon.problem import OnIteration, Problem, Solver, checked_prior, pose
 from recon.solution import Solution
 from recon.solve import reconstruct
 
@@ -32,6 +34,14 @@ class Given:
     noise: np.ndarray | None = None
     nonnegative: bool = False
     threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.prior is not None:
+            checked_prior(self.prior)
+        if self.noise is not None:
+            real_array("noise", self.noise)
+        if not isinstance(self.nonnegative, bool | np.bool_):
+            raise InputError("nonnegative", self.nonnegative, "True or False")
 
     def pose(self, operator: Operator, frames: np.ndarray) -> Problem | None:
         """Return the checked and normalised problem; None for frames that are zero everywhere."""
@@ -65,6 +75,19 @@ class Given:
         """Return the same with the measurements ``held`` (bool, broadcastable to frames of ``shape``) left out."""
         variance = np.ones(shape) if self.noise is None else np.broadcast_to(np.asarray(self.noise, np.float64), shape)
         return replace(self, noise=np.where(held, np.inf, variance))
+
+
+def as_given(given: Given | None) -> Given:
+    """Return what is given, ``Given()`` for None.
+
+    Raises:
+        InputError: field ``given`` for something else, such as bare variances.
+    """
+    if given is None:
+        return Given()
+    if not isinstance(given, Given):
+        raise InputError("given", given, "recon.tau.Given(...), e.g. Given(noise=variance), or None")
+    return given
 
 
 @dataclass(frozen=True)
@@ -119,7 +142,7 @@ def tau_max(operator: Operator, frames: np.ndarray, given: Given | None = None) 
 
     For priors without such a formula it is ``2 max |H^T g|``, a scale that fractions can refer to.
     """
-    about = Given() if given is None else given
+    about = as_given(given)
     problem = about.pose(operator, frames)
     if problem is None:
         return 0.0

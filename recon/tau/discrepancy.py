@@ -13,7 +13,7 @@ from recon.errors import InputError
 from recon.operator import Operator
 from recon.problem import Problem
 from recon.solution import Solution
-from recon.tau.choice import Given, TauChoice, dark_choice
+from recon.tau.choice import Given, TauChoice, as_given, dark_choice
 from recon.tau.path import TauPath
 
 PROBE = 0.3
@@ -45,7 +45,7 @@ class Discrepancy(Config):
         Raises:
             InputError: ``noise`` when it is not given; else see :func:`recon.reconstruct`.
         """
-        if given is None or given.noise is None:
+        if given is None or as_given(given).noise is None:
             raise InputError("noise", None, "the variance of each measurement; without it take AutoTau(), which needs none")
         problem = given.pose(operator, frames)
         if problem is None:
@@ -78,15 +78,18 @@ class Discrepancy(Config):
         return float(math.exp((1 - part) * math.log(fractions[-2]) + part * math.log(fractions[-1])))
 
     def _reason(self, fraction: float, ratios: list[float]) -> str:
-        said = f"tau = {fraction:.3g} of tau_max leaves {self.target:g} times what the noise should leave"
+        wanted = "what the noise should" if self.target == 1 else f"{self.target:g} times what the noise should"
         if ratios[-1] > self.target:
             return (
-                f"even tau = {fraction:.3g} of tau_max leaves {ratios[-1]:.3g} times what the noise should leave (wanted "
-                f"{self.target:g}): the operator or the variances are wrong, or smaller values are needed"
+                f"even the smallest tau of the path, {fraction:.3g} of tau_max, leaves {ratios[-1]:.3g} times what the noise should leave "
+                f"of the frames (wanted: {self.target:g}): the operator or the variances are wrong, or smaller values are needed"
             )
         if len(ratios) == 1:
-            return f"{said} or less already ({ratios[0]:.3g}): larger values may do better still, or the variances are too large"
-        return said
+            return (
+                f"the largest tau of the path, {fraction:.3g} of tau_max, leaves no more of the frames than {wanted} "
+                f"({ratios[0]:.3g} times): larger values may do better still, or the variances are too large"
+            )
+        return f"tau = {fraction:.3g} of tau_max leaves {wanted} leave of the frames"
 
 
 class _Ruler:

@@ -10,7 +10,7 @@ from recon.config import Config
 from recon.errors import InputError
 from recon.operator import Operator
 from recon.problem import OnIteration, Problem
-from recon.tau.choice import Given, TauChoice, dark_choice
+from recon.tau.choice import Given, TauChoice, as_given, dark_choice
 from recon.tau.path import OnPoint, TauPath
 
 
@@ -51,7 +51,7 @@ class AutoTau(Config):
         on_iteration: OnIteration | None = None,
     ) -> tuple[TauChoice, tuple[np.ndarray, ...]]:
         """Return the choice and the held-out estimates (M, N, K) along the path, a guide for a path on all data."""
-        about = Given() if given is None else given
+        about = as_given(given)
         problem = about.pose(operator, frames)
         if problem is None:
             return dark_choice(), ()

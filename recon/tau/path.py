@@ -19,7 +19,7 @@ from recon.l1 import L1
 from recon.operator import Operator
 from recon.problem import OnIteration, Solver
 from recon.solution import Solution
-from recon.tau.choice import Given, tau_max
+from recon.tau.choice import Given, as_given, tau_max
 
 OnPoint = Callable[[int, Solution], None]
 """Called with the number of the finished point of a path, from 0, and its solution; what it raises ends the path."""
@@ -100,7 +100,7 @@ class TauPath(Config):
         on_iteration: OnIteration | None = None,
     ) -> Iterator[Solution]:
         """Yield the solutions one by one, each solved when it is asked for; arguments as of ``follow``."""
-        about = Given() if given is None else given
+        about = as_given(given)
         if largest is None:
             largest = tau_max(operator, frames, about)
         solver = self.solver_for(operator, about)

@@ -97,9 +97,11 @@ def test_a_noise_that_the_path_does_not_reach_is_flagged():
     low, high = (Discrepancy(path=short).choose(window(), frames, Given(noise=np.array(v))) for v in (1e-8, 1e2))
     assert low.at_edge
     assert low.fraction == 0.2
+    assert low.reason.startswith("even the smallest tau of the path, 0.2 of tau_max, leaves ")
     assert "variances are wrong" in low.reason
     assert high.at_edge
     assert high.fraction == 0.3
+    assert high.reason.startswith("the largest tau of the path, 0.3 of tau_max, leaves no more of the frames than what the noise should (")
     assert "larger values" in high.reason
 
 

@@ -6,7 +6,10 @@ import pytest
 from recon import (
     L1,
     Admm,
+    AutoTau,
     BasisPursuit,
+    Cosine,
+    Discrepancy,
     FieldAperture,
     Fista,
     Gap,
@@ -15,15 +18,21 @@ from recon import (
     GramBlocks,
     InputError,
     Kronecker,
+    Mixture,
+    PlugAndPlay,
     RowWeighted,
     Spread,
     TauFraction,
     TotalVariation,
+    adjoint_error,
+    estimate_error,
     learned,
+    norm_squared,
     reconstruct,
     shift_taps,
 )
 from recon.metrics import psnr, rmse, score, spectral_angle
+from recon.tau import Given, TauPath
 
 
 class Matrix:
@@ -299,6 +308,78 @@ def test_a_wrong_adjoint_is_told_first_and_nothing_is_called_converged(dtype, of
             assert found.notes[0].startswith("adjoint is not the transpose of forward")
             assert not found.stop.converged
     assert seen
+
+
+CONFIGURATIONS = {
+    r"^TauFraction: must be given keyword arguments only: fraction=\.\.\., got \(0\.001,\)": lambda: TauFraction(1e-3),
+    r"^Gpsr\.max_iteration: must be a field of Gpsr, which are .*tolerance; did you mean max_iterations\?, got 3": lambda: Gpsr(
+        max_iteration=3
+    ),
+    r"^Cosine\.size: must be left out: Cosine has no fields, got 1": lambda: Cosine(size=1),
+    r"^PlugAndPlay\.denoiser: must be given: it has no default": lambda: PlugAndPlay(),
+    r"^Mixture\.parts: must be a tuple with at least 1 item": lambda: Mixture(parts=()),
+    r"^Admm\.tolerance: must be less than 1, got 2": lambda: Admm(tolerance=2),
+    r"^L1\.weights\.1: must be a finite number, got nan": lambda: L1(weights=(1.0, np.nan)),
+}
+
+
+@pytest.mark.parametrize("message", CONFIGURATIONS)
+def test_a_configuration_says_in_a_sentence_what_is_wrong_with_it(message):
+    with pytest.raises(InputError, match=message):
+        CONFIGURATIONS[message]()
+
+
+def test_what_is_given_to_rules_and_error_estimates_is_checked_for_its_kind(camera_of):
+    operator = camera_of("mono", 1, 8, 3)
+    frames, variance = np.ones(operator.out_shape), np.ones(operator.out_shape)
+    for call in (
+        lambda: estimate_error(operator, frames, variance),
+        lambda: AutoTau().choose(operator, frames, variance),
+        lambda: Discrepancy().choose(operator, frames, variance),
+        lambda: TauFraction(fraction=0.1).choose(operator, frames, variance),
+        lambda: TauPath().follow(operator, frames, variance),
+    ):
+        with pytest.raises(InputError, match=r"^given: must be recon\.tau\.Given"):
+            call()
+    for field, make in {
+        "prior": lambda: Given(variance),
+        "noise": lambda: Given(noise="x"),
+        "nonnegative": lambda: Given(nonnegative="no"),
+    }.items():
+        with pytest.raises(InputError, match=rf"^{field}: must be "):
+            make()
+
+
+def test_the_adjoint_and_the_norm_of_any_operator_can_be_measured():
+    class Bare:
+        in_shape, out_shape = (2, 4, 3), (20,)
+        matrix = np.random.Generator(np.random.Philox(3)).random((20, 24))
+
+        def forward(self, x):
+            return self.matrix @ x.ravel()
+
+        def adjoint(self, y):
+            return (self.matrix.T @ y).reshape(2, 4, 3)
+
+    assert adjoint_error(Bare()) < 1e-6
+    assert norm_squared(Bare()) == pytest.approx(np.linalg.norm(Bare.matrix, 2) ** 2, rel=1e-3)
+    with pytest.raises(InputError, match="adjoint missing"):
+        adjoint_error(type("Half", (), {"in_shape": (1, 1, 1), "out_shape": (1,), "forward": None})())
+
+
+@pytest.mark.parametrize("solver", [BasisPursuit(), Gap()], ids=["basis-pursuit", "gap"])
+def test_frames_that_h_cannot_explain_raise_the_question_why(solver, camera_of, cube_of):
+    camera = camera_of("mono", 6, 16, 4)
+    frames = camera.forward(cube_of(16, 4))
+    assert not any("explains" in note for note in reconstruct(camera, frames, solver=solver).notes)
+    shifted = camera.replace(first_column=np.array([0, 1, 2, 4]), width=camera.width)
+    for wrong, given in (
+        (reconstruct(shifted, frames, solver=solver), frames),
+        (reconstruct(camera, frames + 0.1, solver=solver), frames + 0.1),
+    ):
+        left = np.linalg.norm(given - (shifted if given is frames else camera).forward(wrong.cube)) / np.linalg.norm(given)
+        assert left > 1e-3
+        assert any(note.startswith(f"H explains all but {100 * left:.2g} % of the frames") for note in wrong.notes) == wrong.stop.converged
 
 
 def test_X7_a_field_camera_whose_pixels_are_all_blind_is_refused_when_it_is_used():
