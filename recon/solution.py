@@ -4,6 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+SPOKEN = {"BasisPursuit": "basis pursuit", "Gap": "GAP", "Admm": "ADMM", "Fista": "FISTA", "Gpsr": "GPSR"}
+"""What people call the solvers."""
+
 
 @dataclass(frozen=True)
 class Stop:
@@ -28,14 +31,15 @@ class Solution:
     Args:
         cube: (M, N, K) estimate, in the units of frames / response.
         objective: ``||g - H f||^2 + tau R(f)``, Eq. 4 with the l1 prior (theory.md (S.4)), the misfit weighted where the noise
-            is known; for basis pursuit ``R(f)``.
+            is known; for solvers without a tau ``R(f)``.
         stop: why the solver stopped.
         iterations: how many it made.
-        tau: the absolute weight of R; None for basis pursuit.
+        tau: the absolute weight of R; None for solvers without one.
         seconds: wall time, set-up included.
         residual: ``||g - H f|| / ||g||`` (0 when g = 0), weighted where the noise is known.
-        tau_max: the least tau whose answer is zero, with l1 ``2 max |Psi^T H^T g|``; None for basis pursuit and priors without one.
+        tau_max: the least tau whose answer is zero, with l1 ``2 max |Psi^T H^T g|``; None for solvers without a tau and priors without one.
         notes: sentences about the problem itself, e.g. that shots repeat one mask.
+        solver: name of the solver's class.
     """
 
     cube: np.ndarray
@@ -47,10 +51,12 @@ class Solution:
     residual: float
     tau_max: float | None = None
     notes: tuple[str, ...] = field(default=())
+    solver: str = ""
 
     def __str__(self) -> str:
         rows, columns, bands = self.cube.shape
-        what = "basis pursuit" if self.tau is None else f"tau = {self.tau:.4g}"
+        name = SPOKEN.get(self.solver, self.solver) or "a solver"
+        what = name if self.tau is None else f"{name} with tau = {self.tau:.4g}"
         if self.tau and self.tau_max:
             what += f" ({self.tau / self.tau_max:.3g} of tau_max)"
         lines = [

@@ -92,7 +92,8 @@ def reconstruct(
         if not sound:
             stop = Stop(f"{found.stop.reason}; but adjoint and forward contradict each other: mend them first", False)
             found = replace(found, stop=stop)
-        return _solution(operator, problem, found, (*faults, *_notes(operator), *notes), began)
+        solution = _solution(problem, found, (*faults, *_notes(operator), *notes), began)
+        return replace(solution, solver=type(solver).__name__)
 
 
 def _examined(operator: LinearOperator, solver: Solver) -> tuple[LinearOperator, tuple[str, ...], bool]:
@@ -163,7 +164,7 @@ def _resolved(
     return choice.tau, choice
 
 
-def _solution(operator: LinearOperator, problem: Problem, found: Found, notes: tuple[str, ...], began: float) -> Solution:
+def _solution(problem: Problem, found: Found, notes: tuple[str, ...], began: float) -> Solution:
     if problem.nonnegative:
         np.maximum(found.cube, 0, out=found.cube)
     misfit, value = problem.misfit(found.cube), found.value if found.value is not None else problem.penalty.value(found.cube)
@@ -190,7 +191,7 @@ def _dark(operator: LinearOperator, solver: Solver, tau: "float | TauRule | None
     cube[...] = 0
     weight = (float(tau) if isinstance(tau, REAL_NUMBER) else 0.0) if solver.needs_tau else None
     stop = Stop("the frames are zero everywhere, and so is the answer", True)
-    return Solution(cube, 0.0, stop, 0, weight, seconds, 0.0, None if weight is None else 0.0, _notes(operator))
+    return Solution(cube, 0.0, stop, 0, weight, seconds, 0.0, None if weight is None else 0.0, _notes(operator), type(solver).__name__)
 
 
 def _scaled(cube: np.ndarray, unit: float) -> np.ndarray:

@@ -251,6 +251,13 @@ def test_an_open_mask_is_called_uncoded_and_the_solution_explains_itself(camera_
     assert "relative residual" in text
     frames = operator.forward(cube_of(16, 6))
     assert "of tau_max)" in str(reconstruct(operator, frames, tau=0.05, solver=Admm()))
+    for (solver, tau), name in zip(
+        EVERY, ("basis pursuit", "ADMM with tau = 0.05", "FISTA with tau = 0.05", "GAP", "GPSR with tau = 0.05")
+    ):
+        for data in (frames, 0 * frames):
+            found = reconstruct(operator, data, tau=tau, solver=solver)
+            assert found.solver == type(solver).__name__
+            assert f"16 x 16 x 6 cube by {name}" in str(found)
 
 
 def test_every_public_name_of_recon_can_be_imported():
