@@ -20,6 +20,44 @@ RULES = {
     "discrepancy": ("`Discrepancy()`", "weighted by the noise"),
     "morozov": ("`Discrepancy(probes=0)`", "weighted by the noise"),
 }
+CASES = """| you have | in Python | `optsim reconstruct FRAMES -o ESTIMATE` with | because |
+| --- | --- | --- | --- |
+| frames without noise, or nearly | `reconstruct(H, g)` | `--solver basis-pursuit` (what matched frames without noise get) | basis pursuit has no tau to choose: the answer depends on no weight, no response scale, no mix of layers |
+| frames and the variance of each measurement | `reconstruct(H, g, tau=Discrepancy(), noise=variance)` | `--weighted --tau discrepancy` | ADMM on Eq. 4 weighted by the noise; tau leaves unexplained what noise alone would. `optsim.camera.noise_variance(frames)` is the variance that a frames file tells |
+| frames with noise that nobody measured | `reconstruct(H, g, tau=AutoTau())` | `--solver admm --tau auto` (what noisy, physical and foreign frames get) | ADMM on Eq. 4; tau from pixels that the solve does not see |
+| a better picture than the paper's prior gives | `prior=quality(bands)`, below; `SpectralTotalVariation()`, `TotalVariation()` | `--prior quality` (bands from 380 to 780 nm), `--prior tv` (`SpectralTotalVariation()`) | fewer edges and few wavelets; docs/theory.md S tells what each assumes |
+| two priors, and no truth to choose by | `choose_prior(H, g, (Quality(), TotalVariation())).prior` | | each predicts detector pixels that its solve did not see; the better one is named, with both errors |
+| the fear that a prior does harm | `never_below(H, g, quality(bands))` | | three solves: the answer is that of l1 where l1 predicts the unseen pixels better |
+| a denoiser of your own | `reconstruct(H, g, prior=PlugAndPlay(denoiser=f), solver=Gap())` | | `f(picture, sigma)` returns a picture; [examples/plug_and_play.py](../examples/plug_and_play.py) |
+| radiance that must not be negative | `nonnegative=True` | `--nonnegative` | exactly at least 0, with every solver but `Gpsr` |
+| the paper's own method | `reconstruct(H, g, solver=Gpsr(), tau=...)` | `--solver gpsr --tau 1e-4` (of tau_max), `--debias` | GPSR-BB with continuation; `debias=True` and `barzilai_borwein=False` (GPSR-Basic, Python only) are there too |
+| a scene of flat patches, and little time | `reconstruct(H, g, prior=TotalVariation(), solver=Gap())` | `--solver gap --prior tv` (of spectral coefficient pictures) | projection and denoising by turns; it minimises nothing, so the answer depends on where it stops; below l1 where a mosaic or fine bars rule |
+| an operator of your own | `adjoint_error(H)` first; then `solver=Fista(), tau=...` or any other | | the first is rounding (1e-7 in float32) if adjoint and forward belong together. `Fista` needs no data step; the others solve theirs by conjugate gradients where H does not tell the blocks of H H^T; [examples/own_operator.py](../examples/own_operator.py) |
+| the wish to know how wrong each voxel is | `estimate_error(H, g, Given(noise=variance), solver=Admm(), tau=Discrepancy())` | | intervals with measured coverage, for ten times the work |
+
+Names are imported from `recon`, `Given` from `recon.tau`, `quality` from `optsim.study.library`. For a frames file, H and g are
+
+```python
+import numpy as np
+
+from optsim.camera import band_model_of, signal_of
+from optsim.cube import bands_of
+from optsim.files import read
+from optsim.study.library import quality
+from recon import reconstruct
+
+frames = read("frames.nc")
+H, g = band_model_of(frames).operator(np.float32), signal_of(frames)
+solution = reconstruct(H, g, prior=quality(bands_of(frames)))
+print(solution)
+```
+
+and for others a `CodedAperture` ([examples/foreign_measurement.py](../examples/foreign_measurement.py)) or any object with `in_shape`, `out_shape`, `forward` and `adjoint`.
+
+`quality(bands)` is `Quality(spectral=learned(samples))` with the samples that optsim has: reflectances of 50 colour samples under equal-energy light, xenon, D65 and A, known from 380 to 780 nm; no chart or scene of optsim shows any of them. For other bands, or
+spectra that you know better, `samples` is an array (n, K): n spectra as radiances (or reflectances) in the K bands of the cube, on any common scale, not those of the scene that is sought; fewer than K will do. `Quality()` without samples takes cosines, and
+any bands."""
+"""What to call, in Python and on the command line."""
 
 
 def rules_table(rows: list[dict[str, Any]]) -> str:
@@ -80,43 +118,7 @@ def page(curves: list[dict[str, Any]], rules: list[dict[str, Any]], errors: list
     size = rules[0]["size"]
     return f"""# Which solver should I use?
 
-| you have | in Python | `optsim reconstruct FRAMES -o ESTIMATE` with | because |
-| --- | --- | --- | --- |
-| frames without noise, or nearly | `reconstruct(H, g)` | `--solver basis-pursuit` (what matched frames without noise get) | basis pursuit has no tau to choose: the answer depends on no weight, no response scale, no mix of layers |
-| frames and the variance of each measurement | `reconstruct(H, g, tau=Discrepancy(), noise=variance)` | `--weighted --tau discrepancy` | ADMM on Eq. 4 weighted by the noise; tau leaves unexplained what noise alone would. `optsim.camera.noise_variance(frames)` is the variance that a frames file tells |
-| frames with noise that nobody measured | `reconstruct(H, g, tau=AutoTau())` | `--solver admm --tau auto` (what noisy, physical and foreign frames get) | ADMM on Eq. 4; tau from pixels that the solve does not see |
-| a better picture than the paper's prior gives | `prior=quality(bands)`, below; `SpectralTotalVariation()`, `TotalVariation()` | `--prior quality` (bands from 380 to 780 nm), `--prior tv` (`SpectralTotalVariation()`) | fewer edges and few wavelets; docs/theory.md S tells what each assumes |
-| two priors, and no truth to choose by | `choose_prior(H, g, (Quality(), TotalVariation())).prior` | | each predicts detector pixels that its solve did not see; the better one is named, with both errors |
-| the fear that a prior does harm | `never_below(H, g, quality(bands))` | | three solves: the answer is that of l1 where l1 predicts the unseen pixels better |
-| a denoiser of your own | `reconstruct(H, g, prior=PlugAndPlay(denoiser=f), solver=Gap())` | | `f(picture, sigma)` returns a picture; [examples/plug_and_play.py](../examples/plug_and_play.py) |
-| radiance that must not be negative | `nonnegative=True` | `--nonnegative` | exactly at least 0, with every solver but `Gpsr` |
-| the paper's own method | `reconstruct(H, g, solver=Gpsr(), tau=...)` | `--solver gpsr --tau 1e-4` (of tau_max), `--debias` | GPSR-BB with continuation; `debias=True` and `barzilai_borwein=False` (GPSR-Basic, Python only) are there too |
-| a scene of flat patches, and little time | `reconstruct(H, g, prior=TotalVariation(), solver=Gap())` | `--solver gap --prior tv` (of spectral coefficient pictures) | projection and denoising by turns; it minimises nothing, so the answer depends on where it stops; below l1 where a mosaic or fine bars rule |
-| an operator of your own | `adjoint_error(H)` first; then `solver=Fista(), tau=...` or any other | | the first is rounding (1e-7 in float32) if adjoint and forward belong together. `Fista` needs no data step; the others solve theirs by conjugate gradients where H does not tell the blocks of H H^T; [examples/own_operator.py](../examples/own_operator.py) |
-| the wish to know how wrong each voxel is | `estimate_error(H, g, Given(noise=variance), solver=Admm(), tau=Discrepancy())` | | intervals with measured coverage, for ten times the work |
-
-Names are imported from `recon`, `Given` from `recon.tau`, `quality` from `optsim.study.library`. For a frames file, H and g are
-
-```python
-import numpy as np
-
-from optsim.camera import band_model_of, signal_of
-from optsim.cube import bands_of
-from optsim.files import read
-from optsim.study.library import quality
-from recon import reconstruct
-
-frames = read("frames.nc")
-H, g = band_model_of(frames).operator(np.float32), signal_of(frames)
-solution = reconstruct(H, g, prior=quality(bands_of(frames)))
-print(solution)
-```
-
-and for others a `CodedAperture` ([examples/foreign_measurement.py](../examples/foreign_measurement.py)) or any object with `in_shape`, `out_shape`, `forward` and `adjoint`.
-
-`quality(bands)` is `Quality(spectral=learned(samples))` with the samples that optsim has: reflectances of 50 colour samples under equal-energy light, xenon, D65 and A, known from 380 to 780 nm; no chart or scene of optsim shows any of them. For other bands, or
-spectra that you know better, `samples` is an array (n, K): n spectra as radiances (or reflectances) in the K bands of the cube, on any common scale, not those of the scene that is sought; fewer than K will do. `Quality()` without samples takes cosines, and
-any bands.
+{CASES}
 
 This page is written by `python -m benchmarks.solver_page` from measurements that `benchmarks.tau_rules`, `benchmarks.uncertainty` and `benchmarks.solver_curves` keep in benchmarks/results; run them to measure again.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -26,6 +26,9 @@ from optsim.cli.data_words import (
 from optsim.cli.inputs import FRAMES_ONLY, named_by, read_frames
 from optsim.cli.words import Output, wrote
 from optsim.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 FRAME_NAMES = ("meas_real", "meas", "frame", "frames", "simulation_test", "y")
 MASK_NAMES = ("mask", "masks", "Phi")
@@ -113,10 +116,8 @@ def import_measurement(
 ) -> None:
     """Bring in a measurement that optsim did not make: frames, mask and shifts."""
     from optsim.camera.elsewhere import frames_from
-    from optsim.camera.elsewhere_doubts import doubts
     from optsim.files import writable, write
     from optsim.files.arrays import read_pictures
-    from optsim.files.grids import doubtful
     from optsim.files.reader import Reader
 
     writable(output, source=frames, suffixes=FRAMES_ONLY)
@@ -137,8 +138,17 @@ def import_measurement(
     with named_by(TYPED | {"frames": frames.name}):
         measured = frames_from(values, masks, shift_px, bands, response=factor * chi, mosaic=mosaic, attrs=attrs)
     write(measured, output)
-    wrote(output, measured["frames"].shape, f"(shot, channel, y, x), {bands.count} bands {shift_px[0]:g} to {shift_px[-1]:g} px")
-    for sentence in (*doubtful(bands.center), *doubts(measured)):
+    _tell(measured, output)
+
+
+def _tell(measured: xr.Dataset, output: Path) -> None:
+    """Print what was brought in, and what about it may be wrong."""
+    from optsim.camera.elsewhere_doubts import doubts
+    from optsim.files.grids import doubtful
+
+    nm, px = measured["wavelength"].values, measured["shift_px"].values
+    wrote(output, measured["frames"].shape, f"(shot, channel, y, x), {nm.size} bands {px[0]:g} to {px[-1]:g} px")
+    for sentence in (*doubtful(nm), *doubts(measured)):
         print(f"note: {sentence}", file=sys.stderr)
 
 
