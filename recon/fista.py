@@ -113,7 +113,7 @@ class Descent:
         self._momentum = grown
         if not objective <= self._last * (1 + 1e-6):
             self._momentum = 1.0
-            if self._plain and not objective <= self._last + self._blur():
+            if self._plain and not objective <= self._last + self._blur() and self._overshot():
                 return self._go_back()
         self._keep(objective, beta)
         self._plain, self._last = beta <= 0, objective
@@ -134,6 +134,12 @@ class Descent:
         if beta <= 0 and objective <= self._first:
             self._kept[...] = self._x
             self._kept_value, self._kept_objective = self._value, objective
+
+    def _overshot(self) -> bool:
+        """Tell whether H^T H exceeds the bound between the kept iterate and x: else an inexact proximal map made the objective grow."""
+        way = self._x - self._kept
+        seen = self._problem.operator.forward(way).astype(np.float64)
+        return not float(np.vdot(seen, seen)) <= self._bound * float(np.vdot(way, way)) * (1 + 1e-3)
 
     def _go_back(self) -> float:
         """Take up the kept iterate again with a shorter step; return its objective."""

@@ -162,6 +162,16 @@ def test_X9_no_step_is_too_long_to_come_back_from(lipschitz, dtype, camera_of, c
         assert few.objective <= (frames**2).sum()
 
 
+def test_X9_growth_by_an_inexact_proximal_map_is_not_taken_for_a_long_step(camera_of, cube_of):
+    operator = camera_of("mono", 4, 16, 4)
+    frames = operator.forward(cube_of(16, 4))
+    tau = 20 * np.abs(operator.adjoint(frames)).max()
+    judge = reconstruct(operator, frames, prior=TotalVariation(), tau=tau, solver=Admm())
+    found = reconstruct(operator, frames, prior=TotalVariation(), tau=tau, solver=Fista(max_iterations=1000))
+    assert "above 2/L" not in str(found.stop)
+    assert found.objective == pytest.approx(judge.objective, rel=2e-3)
+
+
 @pytest.mark.parametrize("tau", [0, 1e-3])
 def test_an_objective_that_falls_to_zero_ends_fista_without_an_overflow(tau):
     operator = CodedAperture(np.ones((1, 1, 5)), np.ones((1, 1)), np.zeros(1, int), np.ones((1, 1)))
