@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from typing import ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from recon.config import Config
@@ -17,6 +18,7 @@ from recon.solution import Stop
 from recon.splitting import Levels, Limits, State, levels_for, split
 
 BOUND_RHO = 0.1  # of the largest eigenvalue of H^T H: rho of the splitting at tau = 0
+CEILING = 0.3  # of the reference tau: above it priors without a tau_max get higher levels, not a larger rho
 LEVELS = Levels(start=3.0, end=0.6, decay=0.6 ** (1 / 20), hold=20)  # each new level costs new blocks, so it is held
 
 
@@ -26,7 +28,8 @@ class Admm(Config):
     This is Douglas-Rachford splitting, the form of ADMM that eliminates the multiplier.
 
     Args:
-        tolerance: both residuals of the splitting must fall below it (relative).
+        tolerance: both residuals of the splitting must fall below it (relative); below less where a prior without a tau_max,
+            such as total variation, gets a tau above 0.3 of the reference.
         max_iterations: 0 returns the first guess.
         time_limit_s: wall time in s, or None.
         gamma: multiplies every threshold level; it changes the speed, not the answer.
@@ -63,9 +66,11 @@ class Admm(Config):
             if on_iteration is not None:
                 on_iteration(state.iterations, (problem.misfit(state.sparse) + tau * state.value) * problem.light**2)
 
-        rule = levels_for(problem.penalty, LEVELS)
-        levels = Levels(rule.start * self.gamma, rule.end * self.gamma, rule.decay, LEVELS.hold)
-        limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
+        lift = _lift(problem, tau, tau_max)
+        rule, raised = levels_for(problem.penalty, LEVELS), self.gamma * lift
+        levels = Levels(rule.start * raised, rule.end * raised, rule.decay, LEVELS.hold)
+        least = min(self.tolerance, 8 * float(np.finfo(problem.frames.dtype).eps))
+        limits = Limits(max(self.tolerance / lift, least), self.max_iterations, self.time_limit_s)
         state, stop = split(problem, step_at, levels, self.relax, limits, scale, report)
         value = problem.penalty.shrink(state.sparse, state.level)
         sparse = problem.misfit(state.sparse) + tau * value
@@ -105,6 +110,14 @@ def least_squares(problem: Problem, tau_max: float | None, limits: Limits) -> Fo
     elif not step.met:
         reason += f"; the gradient has not vanished: raise max_iterations = {limits.max_iterations} or the time limit"
     return Found(cube, step.made, Stop(reason, step.met and safe), 0.0, tau_max, (*step.notes, *step.warning()))
+
+
+def _lift(problem: Problem, tau: float, tau_max: float | None) -> float:
+    """Return how much higher levels must be, and lower the tolerance, where a large tau would freeze the cube by its rho.
+
+    What the residuals leave of R counts tau times in the objective, so they must be smaller by as much (theory.md (S.13)).
+    """
+    return 1.0 if tau_max is not None else max(1.0, tau / (CEILING * problem.reference_tau()))
 
 
 def _rms_guess(problem: Problem) -> float:

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from skimage.restoration import denoise_tv_chambolle
 
-from recon import BasisPursuit, InputError, reconstruct, threads
+from recon import Admm, BasisPursuit, InputError, reconstruct, threads
 from recon.coded_aperture import empty_cube
 from recon.spectral_basis import Cosine, learned
 from recon.total_variation import SpectralTotalVariation, TotalVariation
@@ -153,6 +153,24 @@ def test_basis_pursuit_under_total_variation_finds_flat_patches_exactly(camera_o
     operator = camera_of("mono", 4, 32, 8)
     found = reconstruct(operator, operator.forward(cube), prior=TotalVariation(), solver=BasisPursuit(tolerance=1e-5, max_iterations=1500))
     assert psnr_of(found.cube, cube) > 60
+
+
+@pytest.mark.parametrize("factor", [1.0, 100.0, 1e4])
+@pytest.mark.parametrize("prior", [TotalVariation(), SpectralTotalVariation(weights=(1, 2, 3, 4))], ids=["bands", "spectral"])
+@pytest.mark.parametrize(("sensor", "shots"), [("mono", 4), ("foveon", 1)])
+def test_a_tau_far_above_the_data_leaves_one_spectrum_that_fits_best(sensor, shots, prior, factor, camera_of, cube_of):
+    operator = camera_of(sensor, shots, 16, 4)
+    frames = operator.forward(cube_of(16, 4))
+    pictures = np.stack([operator.forward(np.broadcast_to(e, (16, 16, 4))).ravel() for e in np.eye(4)], axis=1)
+    spectrum = np.linalg.lstsq(pictures, frames.ravel(), rcond=None)[0]
+    best = float(((frames.ravel() - pictures @ spectrum) ** 2).sum())
+    tau = factor * 2 * np.abs(operator.adjoint(frames)).max()
+    found = reconstruct(operator, frames, prior=prior, tau=tau, solver=Admm(max_iterations=1000))
+    assert found.objective == pytest.approx(best, rel=2e-3)
+    flat = np.broadcast_to(found.cube.mean((0, 1)), found.cube.shape)
+    assert np.abs(found.cube - flat).max() < 1e-3 * found.cube.max()
+    if factor > 1:
+        np.testing.assert_allclose(found.cube.mean((0, 1)), spectrum, atol=2e-2 * spectrum.max())
 
 
 def test_priors_that_do_not_fit_are_refused():
