@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import solver_curves, tau_rules, uncertainty
+from benchmarks import quality, solver_curves, tau_rules, uncertainty
 
 RULES = {
     "held_out": ("`AutoTau()`", "plain"),
@@ -113,7 +113,7 @@ def paces(curves: list[dict[str, Any]]) -> str:
     return "\n".join(told)
 
 
-def page(curves: list[dict[str, Any]], rules: list[dict[str, Any]], errors: list[dict[str, Any]]) -> str:
+def page(curves: list[dict[str, Any]], rules: list[dict[str, Any]], errors: list[dict[str, Any]], gains: list[dict[str, Any]]) -> str:
     """Return the document."""
     size = rules[0]["size"]
     return f"""# Which solver should I use?
@@ -134,6 +134,13 @@ with full steps is `Gpsr(monotone=False)`.
 {solver_curves.report(curves)}
 
 {paces(curves)}
+
+## What the quality mode gains
+
+`Quality` over the paper's l1 on the same frames: matched measurements at R = 1/8 (three monochrome shots, one Bayer, one Foveon shot), mean over mask seeds with the 95 % interval of Student's t.
+Without noise both by basis pursuit, with noise both at the tau that the known noise asks for. Its spectra are learned from samples that no scene is painted with.
+
+{quality.table(gains)}
 
 ## What a tau found without ground truth costs
 
@@ -167,7 +174,8 @@ def main() -> None:
     curves = json.loads(solver_curves.OUTPUT.read_text())
     rules = json.loads(tau_rules.OUTPUT.read_text())["rows"]
     errors = json.loads(uncertainty.OUTPUT.read_text())
-    options.output.write_text(page(curves, rules, errors), encoding="utf-8")
+    gains = json.loads(quality.OUTPUT.read_text())
+    options.output.write_text(page(curves, rules, errors, gains), encoding="utf-8")
     print(f"{options.output} written")
 
 
