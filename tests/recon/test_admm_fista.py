@@ -204,6 +204,17 @@ def test_X15_shots_taken_n_times_with_n_tau_have_the_same_minimiser(make, camera
     assert np.linalg.norm(three.cube - one.cube) < 2e-3 * np.linalg.norm(one.cube)
 
 
+@pytest.mark.parametrize("solver", [Admm(), Fista(tolerance=1e-9, max_iterations=20000)], ids=["admm", "fista"])
+def test_X18_more_measurements_than_voxels_leave_the_noise_and_no_more(solver, camera_of, cube_of):
+    operator = camera_of("mono", 8, 32, 4)
+    noise = 0.01 * np.random.Generator(np.random.Philox(9)).standard_normal(operator.out_shape)
+    noisy = operator.forward(cube_of(32, 4)) + noise
+    left = noisy - operator.forward(reconstruct(operator, noisy, tau=0, solver=solver).cube)
+    rank = sum(np.linalg.matrix_rank(operator.replace(masks=operator.masks[:, row : row + 1]).dense()) for row in range(32))
+    freedom = noisy.size - rank
+    assert abs((left**2).sum() / (1e-4 * freedom) - 1) < 3 / np.sqrt(freedom)
+
+
 @pytest.mark.parametrize("make", [Admm, Fista])
 def test_the_callback_sees_a_falling_objective_and_may_end_the_solve(make, camera_of, cube_of):
     operator = camera_of("mono", 3, 32, 8)

@@ -9,10 +9,12 @@ from recon import (
     BasisPursuit,
     CodedAperture,
     Fista,
+    Gap,
     Gpsr,
     GroupL1,
     InputError,
     Kronecker,
+    Quality,
     SpectralTotalVariation,
     TotalVariation,
     reconstruct,
@@ -115,6 +117,100 @@ def test_every_solver_reaches_the_same_objective_to_1e_5(name, sensor, shots, sp
     assert judge.stop.converged
     assert found.stop.converged
     assert found.objective == pytest.approx(judge.objective, rel=1e-5)
+
+
+EXACT = [
+    (BasisPursuit(), None),
+    (Gap(), None),
+    (Admm(), 0),
+    (Fista(tolerance=1e-13, max_iterations=20000), 0),
+    (Gpsr(tolerance=1e-13), 0),
+    (Gpsr(tolerance=1e-13, barzilai_borwein=False, debias=True), 0),
+]
+EXACT_NAMES = ["basis-pursuit", "gap", "admm", "fista", "gpsr-bb", "gpsr-basic"]
+
+
+@pytest.mark.parametrize(("solver", "tau"), EXACT, ids=EXACT_NAMES)
+def test_X1_one_band_and_an_open_mask_are_the_identity_for_every_solver(solver, tau, cube_of):
+    camera, truth = CodedAperture(np.ones((1, 8, 8)), np.ones((1, 1)), np.zeros(1, int), np.ones((1, 1))), cube_of(8, 1)
+    found = reconstruct(camera.astype(np.float64), camera.astype(np.float64).forward(truth), solver=solver, tau=tau)
+    np.testing.assert_allclose(found.cube, truth, atol=1e-12)
+
+
+@pytest.mark.parametrize("generic", [False, True])
+@pytest.mark.parametrize(("solver", "tau"), EXACT, ids=EXACT_NAMES)
+def test_X2_an_invertible_system_gives_the_truth_by_every_solver(solver, tau, generic):
+    draw = np.random.Generator(np.random.Philox(4))
+    masks = np.stack([np.ones((4, 3)), draw.integers(0, 2, (4, 3)), 1 - np.eye(4, 3), np.eye(4, 3)])
+    response = draw.random((3, 4)) + 2 * np.eye(3, 4)
+    camera = CodedAperture(masks, response, np.arange(4), np.ones((4, 1)), dtype=np.float64)
+    truth = draw.random(camera.in_shape)
+    frames = camera.forward(truth)
+    dense, g = camera.dense(), frames.transpose(0, 1, 3, 2).ravel()
+    assert np.linalg.matrix_rank(dense) == truth.size
+    cube = reconstruct(Foreign(camera) if generic else camera, frames, solver=solver, tau=tau).cube
+    np.testing.assert_allclose(cube, truth, atol=1e-8)
+    np.testing.assert_allclose(cube.transpose(2, 1, 0).ravel(), np.linalg.lstsq(dense, g, rcond=None)[0], atol=1e-8)
+
+
+class Foreign:
+    """One of our cameras of which only forward and adjoint show."""
+
+    def __init__(self, camera):
+        self.in_shape, self.out_shape, self.dtype = camera.in_shape, camera.out_shape, camera.dtype
+        self.forward, self.adjoint = lambda x: camera.forward(x), lambda y: camera.adjoint(y)
+
+
+OTHERS = [
+    L1(weights=(1.0, 1.5, 2.0, 2.5, 3.0, 3.5)),
+    GroupL1(),
+    TotalVariation(),
+    SpectralTotalVariation(weights=(1.0, 1.5, 2.0, 2.5, 3.0, 3.5)),
+    Quality(),
+]
+
+
+@pytest.mark.parametrize("prior", OTHERS, ids=lambda p: type(p).__name__)
+@pytest.mark.parametrize(("sensor", "shots"), [("mono", 2), ("foveon", 1)])
+def test_admm_and_fista_agree_to_1e_5_under_every_prior(sensor, shots, prior, camera_of, cube_of):
+    camera = camera_of(sensor, shots, 16, 6)
+    frames = camera.forward(cube_of(16, 6))
+    tau = 1e-2 * 2 * np.abs(camera.adjoint(frames)).max()
+    values = []
+    for solver in (Admm(tolerance=1e-6, max_iterations=5000), Fista(tolerance=1e-9, max_iterations=5000)):
+        found = reconstruct(camera, frames, prior=prior, tau=tau, solver=solver)
+        judge = prior.bind(found.cube.shape, np.float64)
+        values.append(((frames - camera.forward(found.cube)) ** 2).sum() + tau * judge.value(found.cube))
+        assert found.objective == pytest.approx(values[-1], rel=1e-6)
+    assert values[0] == pytest.approx(values[1], rel=1e-5)
+
+
+METHODS = {
+    "gap-tv": {"prior": TotalVariation(), "solver": Gap()},
+    "gap-l1": {"solver": Gap()},
+    "quality": {"prior": Quality()},
+    "quality-tau": {"prior": Quality(), "tau": 0.02},
+    "tv-admm": {"prior": TotalVariation(), "tau": 0.02},
+    "tv-fista": {"prior": TotalVariation(), "tau": 0.02, "solver": Fista()},
+    "gpsr-basic": {"tau": 0.02, "solver": Gpsr(barzilai_borwein=False)},
+    "gpsr-debias": {"tau": 0.5, "solver": Gpsr(debias=True)},
+    "bounded": {"tau": 0.02, "nonnegative": True},
+    "weighted": {"tau": 0.02, "noise": True},
+}
+
+
+@pytest.mark.parametrize("settings", METHODS.values(), ids=METHODS)
+def test_every_method_serves_an_operator_that_has_forward_and_adjoint_only(settings, camera_of, cube_of):
+    camera, truth = camera_of("mono", 3, 16, 6), cube_of(16, 6)
+    frames = camera.forward(truth)
+    asked = dict(settings)
+    if "noise" in asked:
+        asked["noise"] = np.random.Generator(np.random.Philox(2)).uniform(0.5, 2, frames.shape)
+    ours, theirs = (reconstruct(h, frames, **asked) for h in (camera, Foreign(camera)))
+    assert ours.stop.converged
+    assert theirs.stop.converged
+    assert theirs.objective == pytest.approx(ours.objective, rel=1e-3)
+    assert np.linalg.norm(theirs.cube - ours.cube) < 0.02 * np.linalg.norm(ours.cube)
 
 
 PRIORS = [L1(), L1(weights=(1.0, 1.5, 2.0, 2.5, 3.0, 3.5)), GroupL1(), TotalVariation(), SpectralTotalVariation()]

@@ -59,6 +59,23 @@ def test_X8_the_answer_scales_with_the_frames(camera_of, cube_of, scale):
     np.testing.assert_allclose(scaled / scale, plain, rtol=1e-6, atol=1e-9)
 
 
+def test_X5_dark_frames_give_zero_at_once(camera_of):
+    operator = camera_of("bayer", 1, 16, 4)
+    found = reconstruct(operator, np.zeros(operator.out_shape), prior=TotalVariation(), solver=Gap())
+    assert found.iterations == 0
+    assert found.stop.converged
+    assert not found.cube.any()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_X6_frames_that_are_not_finite_are_refused_with_count_and_place(value, camera_of):
+    operator = camera_of("foveon", 2, 16, 4)
+    frames = np.ones(operator.out_shape)
+    frames[1, 2, 3, 4] = frames[1, 2, 5, 6] = value
+    with pytest.raises(InputError, match=r"^frames: must be finite; 2 values are not, first .* is \(1, 2, 3, 4\)"):
+        reconstruct(operator, frames, solver=Gap())
+
+
 def test_it_takes_no_tau_and_refuses_settings_without_sense(camera_of):
     operator = camera_of("mono", 1, 8, 2)
     with pytest.raises(InputError, match=r"^tau: must be absent with Gap"):
