@@ -89,7 +89,7 @@ class Admm(Config):
         limits = Limits(self.tolerance, self.max_iterations, self.time_limit_s)
         state, stop = split(bounded, lambda level: step, Levels(1, 1, 1), self.relax, limits, scale, report)
         bounded.penalty.shrink(state.sparse, 0.0)
-        notes = (*step.notes, *doubts(problem.operator, problem.exact_frames))
+        notes = (*step.notes, *doubts(problem.operator, problem.exact_frames, limits.out_of_time))
         reason = f"tau = 0: the unregularised least-squares cube without negative values; {stop.reason}"
         return Found(state.sparse, state.iterations, Stop(reason, stop.converged), 0.0, tau_max, notes)
 

@@ -70,16 +70,17 @@ def has_exact_step(operator: LinearOperator) -> bool:
     return known_gram(operator) is not None
 
 
-def doubts(operator: LinearOperator, frames: np.ndarray) -> tuple[str, ...]:
+def doubts(operator: LinearOperator, frames: np.ndarray, late: Callable[[], bool]) -> tuple[str, ...]:
     """Say why the unregularised least-squares cube is unsafe, for solvers that make no exact step; nothing where it is not.
 
-    The blocks of H H^T tell; without any, what conjugate gradients see in 200 iterations on random frames (theory.md (S.35)).
+    The blocks of H H^T tell; without any, what conjugate gradients see in 200 iterations on random frames (theory.md (S.35)),
+    unless ``late`` tells that the time is over.
     """
     if has_exact_step(operator):
         known = (note.split(":")[0] for note in data_step(operator, frames, 0.0).notes if not note.startswith(LIMITED_BY))
         return tuple(f"{note}: at tau = 0 weak directions are not resolved; take tau > 0" for note in known)
     draw = np.random.Generator(np.random.Philox(0)).standard_normal(operator.out_shape)
-    step = ProjectionStep(operator, draw, tolerance=8 * rounding(operator), cutoff=0.0, iterations=SEEN)
+    step = ProjectionStep(operator, draw, tolerance=8 * rounding(operator), cutoff=0.0, iterations=SEEN, late=late)
     project(step, np.zeros(operator.in_shape, operator.dtype))
     return step.warning()
 

@@ -61,7 +61,7 @@ class Fista(Config):
                 on_iteration(descent.iterations, objective * problem.light**2)
             trace.append(objective)
             stop = self._judge(trace, descent, limits, least)
-        notes = doubts(problem.operator, problem.exact_frames) if tau == 0 else ()
+        notes = doubts(problem.operator, problem.exact_frames, limits.out_of_time) if tau == 0 else ()
         return Found(descent.best, descent.iterations, stop, tau, tau_max, notes)
 
     def _judge(self, trace: list[float], descent: "Descent", limits: Limits, least: float) -> Stop | None:

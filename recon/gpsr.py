@@ -77,7 +77,7 @@ class Gpsr(Config):
             run = _Run(self, descent, limits, problem.light**2, on_iteration)
             stop = run.through(self._stages(tau, tau_max, fresh=problem.start is None))
             made, stop = self._debias(descent, limits, run.made, stop) if self.debias else (run.made, stop)
-        notes = doubts(problem.operator, problem.exact_frames) if tau == 0 else ()
+        notes = doubts(problem.operator, problem.exact_frames, limits.out_of_time) if tau == 0 else ()
         return Found(model.cube_of(descent.theta), made, stop, tau, tau_max, notes, value=descent.l1)
 
     def _stages(self, tau: float, tau_max: float, fresh: bool) -> list[float]:
