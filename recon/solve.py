@@ -66,10 +66,8 @@ def reconstruct(
     began = time.perf_counter()
     if solver is None:
         solver = default_solver(tau)
-    check_solver(solver)
+    check_solver(solver, on_iteration)
     check_tau(solver, tau)
-    if on_iteration is not None and not callable(on_iteration):
-        raise InputError("on_iteration", on_iteration, "a function on_iteration(iteration, objective), or None")
     operator = adapted(operator)
     with pool.use(threads):
         problem = pose(operator, frames, prior, start=start, noise=noise, nonnegative=nonnegative)
@@ -80,20 +78,24 @@ def reconstruct(
         if choice is not None:
             start = choice.start if start is None else start
         notes: tuple[str, ...] = () if choice is None else (choice.reason,)
+
+        def posed(operator: LinearOperator) -> Problem | None:
+            return pose(operator, frames, prior, start=start, tau=value, noise=noise, nonnegative=nonnegative)
+
         try:
-            problem = pose(operator, frames, prior, start=start, tau=value, noise=noise, nonnegative=nonnegative)
-            found = _found(problem, solver, on_iteration)
+            problem, found = _found(posed(operator), solver, on_iteration)
         except TooCoarse as reason:
             operator = in_precision(operator, np.dtype(np.float64))
             notes += (f"solved in float64, as float32 would lose: {reason}",)
-            problem = pose(operator, frames, prior, start=start, tau=value, noise=noise, nonnegative=nonnegative)
-            found = _found(problem, solver, on_iteration)
-        assert problem is not None
-        if not sound:
-            stop = Stop(f"{found.stop.reason}; but adjoint and forward contradict each other: mend them first", False)
-            found = replace(found, stop=stop)
+            problem, found = _found(posed(operator), solver, on_iteration)
+        found = found if sound else _unsound(found)
         solution = _solution(problem, found, (*faults, *_notes(operator), *notes), began)
         return replace(solution, solver=type(solver).__name__)
+
+
+def _unsound(found: Found) -> Found:
+    """Return what was found with an adjoint that is none: not converged, whatever the solver says."""
+    return replace(found, stop=Stop(f"{found.stop.reason}; but adjoint and forward contradict each other: mend them first", False))
 
 
 def _examined(operator: LinearOperator, solver: Solver) -> tuple[LinearOperator, tuple[str, ...], bool]:
@@ -110,10 +112,10 @@ def _examined(operator: LinearOperator, solver: Solver) -> tuple[LinearOperator,
     return operator, (), True
 
 
-def _found(problem: Problem | None, solver: Solver, on_iteration: OnIteration | None) -> Found:
+def _found(problem: Problem | None, solver: Solver, on_iteration: OnIteration | None) -> tuple[Problem, Found]:
     assert problem is not None
     check(problem, solver)
-    return coordinates.solve(problem, solver, on_iteration)
+    return problem, coordinates.solve(problem, solver, on_iteration)
 
 
 def default_solver(tau: "float | TauRule | None" = None) -> Solver:
@@ -127,10 +129,12 @@ def default_solver(tau: "float | TauRule | None" = None) -> Solver:
     return Admm()
 
 
-def check_solver(solver: Solver) -> None:
-    """Refuse names, classes and whatever else can't solve."""
+def check_solver(solver: Solver, on_iteration: OnIteration | None) -> None:
+    """Refuse names, classes and whatever else can't solve, and what can't be called back."""
     if isinstance(solver, type) or not callable(getattr(solver, "solve", None)) or not isinstance(getattr(solver, "needs_tau", None), bool):
         raise InputError("solver", solver, "a solver's configuration such as recon.Admm(), neither a name nor a class, or None")
+    if on_iteration is not None and not callable(on_iteration):
+        raise InputError("on_iteration", on_iteration, "a function on_iteration(iteration, objective), or None")
 
 
 def check_tau(solver: Solver, tau: "float | TauRule | None") -> None:
