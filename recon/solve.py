@@ -20,7 +20,7 @@ from recon.problem import Found, OnIteration, Problem, Solver, pose
 from recon.solution import Solution, Stop
 
 if TYPE_CHECKING:
-    from recon.tau import TauChoice, TauRule
+    from recon.tau import TauRule
 
 UNEXPLAINED = 1e-3
 """Relative residual of a solver that explains the frames where it can, above which rounding is not the reason."""
@@ -64,8 +64,7 @@ def reconstruct(
         InputError: for operator, frames, prior, tau, noise, start or threads that make no sense; the message names the field.
     """
     began = time.perf_counter()
-    if solver is None:
-        solver = default_solver(tau)
+    solver = default_solver(tau) if solver is None else solver
     check_solver(solver, on_iteration)
     check_tau(solver, tau)
     operator = adapted(operator)
@@ -74,10 +73,8 @@ def reconstruct(
         if problem is None:
             return _dark(operator, solver, tau, time.perf_counter() - began)
         operator, faults, sound = _examined(operator, solver)
-        value, choice = _resolved(tau, operator, frames, prior, noise, nonnegative) if solver.needs_tau else (None, None)
-        if choice is not None:
-            start = choice.start if start is None else start
-        notes: tuple[str, ...] = () if choice is None else (choice.reason,)
+        value, first, notes = _resolved(tau, operator, frames, prior, noise, nonnegative) if solver.needs_tau else (None, None, ())
+        start = first if start is None else start
 
         def posed(operator: LinearOperator) -> Problem | None:
             return pose(operator, frames, prior, start=start, tau=value, noise=noise, nonnegative=nonnegative)
@@ -88,9 +85,8 @@ def reconstruct(
             operator = in_precision(operator, np.dtype(np.float64))
             notes += (f"solved in float64, as float32 would lose: {reason}",)
             problem, found = _found(posed(operator), solver, on_iteration)
-        found = found if sound else _unsound(found)
-        solution = _solution(problem, found, (*faults, *_notes(operator), *notes), began)
-        return replace(solution, solver=type(solver).__name__)
+        told = (*faults, *_notes(operator), *notes)
+        return replace(_solution(problem, found if sound else _unsound(found), told, began), solver=type(solver).__name__)
 
 
 def _unsound(found: Found) -> Found:
@@ -157,15 +153,15 @@ def _resolved(
     prior: Prior | None,
     noise: np.ndarray | None,
     nonnegative: bool,
-) -> "tuple[float, TauChoice | None]":
-    """Return the absolute tau and, where a rule found it, how."""
+) -> tuple[float, np.ndarray | None, tuple[str, ...]]:
+    """Return the absolute tau and, where a rule found it, a first guess and the rule's reason."""
     from recon.tau import AutoTau, Given
 
     tau = AutoTau() if tau is None else tau
     if isinstance(tau, REAL_NUMBER):
-        return float(tau), None
+        return float(tau), None, ()
     choice = tau.choose(operator, frames, Given(prior, noise, nonnegative))
-    return choice.tau, choice
+    return choice.tau, choice.start, (choice.reason,)
 
 
 def _solution(problem: Problem, found: Found, notes: tuple[str, ...], began: float) -> Solution:
