@@ -120,7 +120,7 @@ def page(curves: list[dict[str, Any]], rules: list[dict[str, Any]], errors: list
 
 {CASES}
 
-This page is written by `python -m benchmarks.solver_page` from measurements that `benchmarks.tau_rules`, `benchmarks.uncertainty` and `benchmarks.solver_curves` keep in benchmarks/results; run them to measure again.
+This page is written by `python -m benchmarks.solver_page` from measurements that `benchmarks.quality`, `benchmarks.tau_rules`, `benchmarks.uncertainty` and `benchmarks.solver_curves` keep in benchmarks/results; run them to measure again.
 
 ## How fast
 
