@@ -17,7 +17,7 @@ FIGURES = (
     ("light-gaps", "Foveon, Bayer and mono against light at equal total time; light bands: efficiencies 30 % lower or higher"),
     ("against-ratio", "PSNR against the compression ratio, matched data, basis pursuit"),
 )
-WORDS = {"holds": "holds", "holds_only_if": "holds only if", "does_not_hold": "does not hold"}
+WORDS = {"holds": "**holds**", "holds_only_if": "**holds only**", "does_not_hold": "**does not hold**,"}
 HEADS = ("overall, base readings: ", "overall, all cases: ")
 
 
@@ -29,7 +29,7 @@ def claims_table(entries: list[dict[str, Any]]) -> str:
     ]
     for ident in dict.fromkeys(entry["id"] for entry in entries):
         found = [next((e for e in entries if e["id"] == ident and e["reading"].startswith(head)), None) for head in HEADS]
-        told = ["–" if e is None else f"**{WORDS[e['verdict']]}**: {e['reading'].removeprefix(head)}" for e, head in zip(found, HEADS)]
+        told = ["–" if e is None else f"{WORDS[e['verdict']]} {e['reading'].removeprefix(head)}" for e, head in zip(found, HEADS)]
         shown = next(e for e in found if e is not None)
         low, high = shown["interval_db"]
         number = f"{shown['value_db']:+.2f} [{low:+.2f}, {high:+.2f}]".replace("-", "−")
@@ -51,7 +51,7 @@ Written by `python -m benchmarks.verdict_page` from one run of `optsim study pap
 
 {claims_table(entries)}
 
-The number is that of the case which stands for the claim under the base readings: one where it holds, if there is one. "Our question" are the claims on random scenes.
+The number is that of the case which stands for the claim under the base readings: one where it holds, if there is one. The claims on random scenes are our question, not the paper's.
 
 {pictures}
 """

@@ -30,7 +30,7 @@ app = cyclopts.App(name="study", help_format="markdown", version=__version__)
 def paper_claims(*, quick: Quick = False, out: Out = None, seed: Seed = 0, json: Json = False) -> None:
     """Judge every claim of the paper under readings that change one factor at a time, with intervals.
 
-    Prints the plan and the expected time first: quick some 5 minutes, in full some hours on two cores. Leaves
+    Prints the plan and the expected time first: quick under 5 minutes, in full some 2 hours on two cores. Leaves
     paper-claims.html, claims.json, rows.json and figures/.
 
     Example: `optsim study paper-claims --quick --out verdict`
@@ -75,7 +75,7 @@ def _tell(found: Found, in_words: Callable[[Found], None], json: bool) -> None:
 def _tell_claims(found: Claims) -> None:
     for verdict in found.verdicts:
         e = verdict.best.estimate
-        print(f"{verdict.claim.text}; {verdict.among}: {verdict.verdict.value.replace('_', ' ')}, {verdict.words}")
+        print(f"{verdict.claim.text}; {verdict.among}: {verdict.sentence}")
         print(f"    {e.mean:+.2f} dB [{e.low:+.2f}, {e.high:+.2f}] with {verdict.best.name}; {verdict.best.where}")
 
 

@@ -12,7 +12,7 @@ from optsim.report.style import Drawn
 
 STANDING = {"holds": "holds", "holds_only_if": "partly", "does_not_hold": "fails"}
 """Verdict -> the style class of the report."""
-WORDS = {"holds": "holds", "holds_only_if": "holds only if", "does_not_hold": "does not hold"}
+WORDS = {"holds": "holds", "holds_only_if": "holds only", "does_not_hold": "does not hold"}
 ROW_STANDING = {"holds": "holds", "sign only": "partly", "opposite sign": "fails", "not decided": ""}
 """What one case shows -> the style class."""
 
@@ -87,16 +87,16 @@ def render_claims_page(page: ClaimsPage) -> str:
 
 
 def _claims(page: ClaimsPage) -> list[Child]:
-    rows = [(line.claim, *_judged(*line.bases), *_judged(*line.every), line.number, line.measured) for line in page.claims]
+    rows = [(line.claim, _judged(*line.bases), _judged(*line.every), [line.number, tag("br"), line.measured]) for line in page.claims]
     intro = "Rueda, Lau and Arce, “Multi-spectral compressive snapshot imaging using RGB image sensors”, Optics Express, 2015."
-    header = ("the paper says", "base readings", "under which", "all cases", "in which", "our number, dB [95 %]", "measured under")
-    return [tag("p", intro), table(header, rows, class_="wide claims", numeric_from=9)]
+    header = ("the paper says", "under the base readings", "over all cases", "our number, dB [95 %], and its case")
+    return [tag("p", intro), table(header, rows, class_="wide judged", numeric_from=9)]
 
 
-def _judged(verdict: str, words: str) -> tuple[Child, Child]:
+def _judged(verdict: str, words: str) -> Child:
     if not verdict:
-        return "–", words
-    return tag("span", WORDS[verdict], class_=f"verdict {STANDING[verdict]}"), words
+        return words
+    return [tag("span", WORDS[verdict], class_=f"verdict {STANDING[verdict]}"), f" {words}"]
 
 
 def _group(heading: str, drawn: Sequence[Drawn]) -> list[Child]:

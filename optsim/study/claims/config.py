@@ -91,7 +91,7 @@ class ClaimsConfig(BaseModel):
             masks=1,
             target_masks=6,
             few_masks=1,
-            few_target_masks=3,
+            few_target_masks=2,
             groups=(1, 4),
             physical_groups=(1,),
             light_e=(50, 5000, 50000),

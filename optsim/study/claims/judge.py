@@ -121,6 +121,12 @@ class Overall:
     best: Judged
     counts: Mapping[Outcome, int]
 
+    @property
+    def sentence(self) -> str:
+        """Return verdict and condition as one sentence part."""
+        start = {Verdict.HOLDS: "holds", Verdict.ONLY_IF: "holds only", Verdict.DOES_NOT: "does not hold,"}
+        return f"{start[self.verdict]} {self.words}"
+
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of this claim."""
         return _entry(self.claim, f"overall, {self.among}: {self.words}", self.best.estimate, self.verdict)

@@ -77,10 +77,13 @@ def title(verdicts: Sequence[Overall]) -> str:
     bases, every = ([v for v in verdicts if v.among == among and not v.claim.ours] for among in (BASES, EVERY))
 
     def split(mine: Sequence[Overall]) -> str:
-        counts = [sum(v.verdict is word for v in mine) for word in (Verdict.HOLDS, Verdict.ONLY_IF, Verdict.DOES_NOT)]
-        return f"{counts[0]} hold, {counts[1]} hold only under some, {counts[2]} under none"
+        words = {Verdict.HOLDS: "hold", Verdict.ONLY_IF: "hold only under some", Verdict.DOES_NOT: "under none"}
+        counts = {told: sum(v.verdict is verdict for v in mine) for verdict, told in words.items()}
+        return listing(f"{count} {told}" for told, count in counts.items() if count)
 
-    return f"Of the paper’s {len(bases)} claims, under the base readings {split(bases)}; over every case tried {split(every)}."
+    first, second = split(bases), split(every)
+    rest = ", and as many over every case tried" if first == second else f"; over every case tried {second}"
+    return f"Of the paper’s {len(bases)} claims, under the base readings {first}{rest}."
 
 
 def sizes(found: Claims) -> str:
