@@ -18,7 +18,7 @@ from optsim.study.claims.readings import readings
 from optsim.study.claims.run import run_claims
 from optsim.study.claims.worlds import BENCH, TARGET_2
 
-CONFIG = ClaimsConfig.quick()
+CONFIG = ClaimsConfig.quick().model_copy(update={"few_target_masks": 3})
 LEVEL = {"mono-distinct": 24.0, "mono-repeated": 20.0, "bayer": 22.9, "foveon": 24.0}
 
 
