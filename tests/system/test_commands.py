@@ -129,7 +129,7 @@ def test_physical_refuses_a_coarse_cube_and_interpolates_when_told(cube, tmp_pat
         (("measure", "CUBE", "--sensor", "mono", "--shots", "1", "--noise", "--bits", "7", "-o", "x.nc"), "--bits"),
         (("measure", "CUBE", "--sensor", "mono", "--shots", "1", "--exposure", "1", "-o", "x.nc"), "--exposure"),
         (("measure", "CUBE", "--sensor", "mono", "--shots", "1", "--physical", "--matched", "-o", "x.nc"), "--matched"),
-        (("reconstruct", "CUBE", "-o", "x.nc"), "format"),
+        (("reconstruct", "CUBE", "-o", "x.nc"), "must be frames, as measure"),
         (("score", "CUBE", "absent.nc"), "absent.nc"),
         (("explain", "nowhere"), "scene"),
         (("show", "absent.nc"), "absent.nc"),
