@@ -21,7 +21,7 @@ from optsim.study.claims.methods import BENCH_FRACTIONS, BlindTau
 from optsim.study.claims.run import unit_seconds
 from optsim.study.claims.work import compared, reference_pixels, signature
 from optsim.study.claims.worlds import BENCH, Cell, World
-from optsim.study.plan import BANDS, MONO_SHOTS_PER_GROUP
+from optsim.study.plan import MONO_SHOTS_PER_GROUP, ratio_of, shots_of
 from optsim.study.pool import Progress, run_all
 from optsim.study.store import Store, digest, write_json
 from optsim.study.world import PHYSICS_VERSION
@@ -84,12 +84,12 @@ class Shoot:
     @property
     def R(self) -> float:
         """Return the compression ratio."""
-        return MONO_SHOTS_PER_GROUP * self.groups / BANDS
+        return ratio_of(self.groups)
 
     @property
     def shots(self) -> int:
         """Return the number of exposures."""
-        return self.groups * (MONO_SHOTS_PER_GROUP if self.series.sensor == "mono" else 1)
+        return shots_of(self.series.sensor, self.groups)
 
     @property
     def cost(self) -> float:

@@ -20,6 +20,16 @@ MATCHED = "matched"
 PHYSICAL = "physical"
 
 
+def shots_of(sensor: str, groups: int) -> int:
+    """Return the exposures L of a sensor at one R: ``groups`` of a colour sensor, groups of three of a monochrome one."""
+    return groups * (MONO_SHOTS_PER_GROUP if sensor == "mono" else 1)
+
+
+def ratio_of(groups: int) -> float:
+    """Return the compression ratio R, the same for all sensors."""
+    return MONO_SHOTS_PER_GROUP * groups / BANDS
+
+
 @dataclass(frozen=True)
 class Shooting:
     """One capture: a target seen by one sensor with a number of groups of shots.
@@ -39,7 +49,7 @@ class Shooting:
     @property
     def shots(self) -> int:
         """Return the number of exposures L."""
-        return self.groups * (MONO_SHOTS_PER_GROUP if self.series.sensor == "mono" else 1)
+        return shots_of(self.series.sensor, self.groups)
 
     @property
     def physical(self) -> bool:
@@ -49,7 +59,7 @@ class Shooting:
     @property
     def ratio(self) -> float:
         """Return R: L / K for mono, 3 L / K for colour."""
-        return MONO_SHOTS_PER_GROUP * self.groups / BANDS
+        return ratio_of(self.groups)
 
     @property
     def name(self) -> str:

@@ -25,7 +25,6 @@ from optsim.study.claims.lines import (
     gap_curve,
     light_curve,
     light_gaps,
-    mean_of_scenes,
     moved,
     series_points,
 )
@@ -33,7 +32,7 @@ from optsim.study.claims.measures import Table
 from optsim.study.claims.plan import tasks_of
 from optsim.study.claims.readings import NOISY, readings
 from optsim.study.claims.worlds import TARGET_2
-from optsim.study.statistics import paired_estimate
+from optsim.study.statistics import mean_of, paired_estimate
 
 CONFIG = ClaimsConfig.quick()
 LEVEL = {"mono-distinct": 24.0, "mono-repeated": 20.0, "bayer": 22.0, "foveon": 23.0}
@@ -159,10 +158,10 @@ def test_centring_keeps_the_means_and_takes_off_what_all_series_share():
     }
     out = centred(values)
     for series, before in values.items():
-        assert mean_of_scenes(out[series]) == pytest.approx(mean_of_scenes(before))
+        assert mean_of(by_scene(out[series])) == pytest.approx(mean_of(by_scene(before)))
         assert np.std(list(out[series].values())) < 0.2
     for trial in trials:
-        assert sum(v[trial] for v in out.values()) == pytest.approx(4 * np.mean([mean_of_scenes(v) for v in values.values()]))
+        assert sum(v[trial] for v in out.values()) == pytest.approx(4 * np.mean([mean_of(by_scene(v)) for v in values.values()]))
 
 
 def test_bands_of_random_scenes_are_those_of_paired_values_and_bands_of_targets_are_not(tables):

@@ -11,7 +11,7 @@ import pytest
 from optsim.study.claims.conditions import condition
 from optsim.study.claims.config import ClaimsConfig
 from optsim.study.claims.judge import EVERY, Outcome, Verdict, judge, overall
-from optsim.study.claims.measures import Background, BandsBelow, Drop, FalseColor, LargestGap, MoreShots, Table, background_db
+from optsim.study.claims.measures import BandsBelow, Drop, Gap, LargestGap, MoreShots, Table, background_db, false_color_db
 from optsim.study.claims.paper import CLAIMS, about, up_to
 from optsim.study.claims.plan import tasks_of
 from optsim.study.claims.readings import readings
@@ -178,14 +178,16 @@ def test_the_largest_gap_is_that_of_one_R_and_needs_more_than_one():
 
 def test_a_background_is_compared_by_its_size():
     table = next(t for t in tables() if t.reading.depth.bench)
-    found = next(iter(Background("foveon").parts(table, 1)))[BENCH]
+    found = next(iter(Gap("mono", "foveon", (BENCH,), background_db).parts(table, 1)))[BENCH]
     assert len(found) == table.reading.depth.target_masks
     assert background_db({"signatures": {"a": {"background": -0.1}, "b": {"background": 0.0}}}) == pytest.approx(-40)
 
 
 def test_false_colour_counts_in_decibels_and_more_shots_by_steps():
     table = tables()[0]
-    assert np.mean(next(iter(FalseColor().parts(table, 1)))[TARGET_2]) == pytest.approx(20 * math.log10(2.5), abs=0.2)
+    assert np.mean(next(iter(Gap("bayer", "foveon", (TARGET_2,), false_color_db).parts(table, 1)))[TARGET_2]) == pytest.approx(
+        20 * math.log10(2.5), abs=0.2
+    )
     steps = [np.mean(v) for part in MoreShots().parts(table, 1) for v in part.values()]
     assert len(steps) == 2 * 3 * (len(CONFIG.groups) - 1)
     assert min(steps) > 5

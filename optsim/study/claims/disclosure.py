@@ -52,11 +52,10 @@ from optsim.study.claims.methods import (
     best_prior,
 )
 from optsim.study.claims.plan import Task, scene_names
-from optsim.study.claims.readings import SENSORS
+from optsim.study.claims.readings import SENSOR_WORDS, SENSORS
 from optsim.study.claims.worlds import BENCH, SAMPLES, SUBDIVIDE, TARGET_1, TARGET_2
 from optsim.study.statistics import CONFIDENCE
 
-SENSOR_WORDS = {"mono": "mono", "bayer": "Bayer", "foveon": "Foveon"}
 HEADER = ("data", "H", "inverted by", "tau", "solves", "not converged", "tau at its grid’s least", "tau at its largest", "iterations")
 UNIT_SHIFTS = "the data’s own: unit shifts, unit band weights"
 BELIEFS = {

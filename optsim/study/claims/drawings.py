@@ -22,10 +22,10 @@ from optsim.study.claims.plan import Task, tasks_of
 from optsim.study.claims.readings import MATCHED, NOISY, PHYSICAL, SENSORS, Reading
 from optsim.study.claims.truths import truth_of
 from optsim.study.claims.worlds import TARGET_1, TARGET_2
-from optsim.study.plan import BANDS, MONO_SHOTS_PER_GROUP
+from optsim.study.plan import BANDS, ratio_of, shots_of
 from optsim.study.store import Store
 
-USUAL = (MONO_SHOTS_PER_GROUP, 1, 1)
+USUAL = tuple(shots_of(sensor, 1) for sensor in SENSORS)
 """Shots of mono, Bayer and Foveon at R = 1/8."""
 PLACES = (("target1", "Target 1"), ("target2", "Target 2"), ("scenes", "Random scenes"))
 PAIRS = (("bayer-mono", "Bayer − mono"), ("foveon-mono", "Foveon − mono"), ("foveon-bayer", "Foveon − Bayer"))
@@ -119,11 +119,11 @@ def short(reading: Reading) -> str:
     """Write a change in few words; shots of the three sensors where they are not three of mono and one of each colour sensor."""
     change = reading.change.removeprefix("budget ").replace(" of the responses", "")
     change = change.replace(" in every sensor's brightest pixel", " in each").replace(" electrons", " e")
-    shots = shots_of(reading)
+    shots = lit_shots(reading)
     return change if shots in (None, USUAL) else f"{change}, shots {' / '.join(map(str, shots or ()))}"
 
 
-def shots_of(reading: Reading) -> tuple[int, ...] | None:
+def lit_shots(reading: Reading) -> tuple[int, ...] | None:
     """Return the shots of mono, Bayer and Foveon under a light budget; None for other readings."""
     captures = [reading.recipes[sensor].capture for sensor in SENSORS]
     return tuple(c.shots for c in captures if isinstance(c, Lit)) or None
@@ -201,8 +201,8 @@ def _row(task: Task, found: Claims, shown: Shown) -> Mapping[str, object]:
         "target": task.cell.scene,
         "sensor": task.series.sensor,
         "masks": task.series.masks,
-        "R": MONO_SHOTS_PER_GROUP * task.groups / BANDS,
-        "shots": task.groups * (MONO_SHOTS_PER_GROUP if task.series.sensor == "mono" else 1),
+        "R": ratio_of(task.groups),
+        "shots": shots_of(task.series.sensor, task.groups),
         "model": shown.model,
         "operator": shown.operator,
         "solver": shown.solver,

@@ -13,7 +13,7 @@ from optsim.study.claims.conditions import Traits, condition
 from optsim.study.claims.measures import Table
 from optsim.study.claims.paper import CLAIMS, PaperClaim
 from optsim.study.claims.readings import Reading
-from optsim.study.plan import BANDS, MONO_SHOTS_PER_GROUP
+from optsim.study.plan import ratio_of, shots_of
 from optsim.study.statistics import Estimate, holm, mean_of, one_sided_p, paired_estimate, weakest
 
 LEVEL = 0.05
@@ -198,7 +198,7 @@ def _measured(table: Table, seed: int) -> list[Judged]:
 
 def _shots(reading: Reading, sensors: Iterable[str], groups: int) -> tuple[str, bool]:
     """Return R, or the sensors' shots where a light budget gives them others, and whether it is one R."""
-    usual = {s: groups * (MONO_SHOTS_PER_GROUP if s == "mono" else 1) for s in sorted(sensors)}
+    usual = {s: shots_of(s, groups) for s in sorted(sensors)}
     captures = {s: reading.recipes[s].capture for s in usual}
     own = {s: capture.shots if isinstance(capture, Lit) else usual[s] for s, capture in captures.items()}
     if own == usual:
@@ -207,7 +207,7 @@ def _shots(reading: Reading, sensors: Iterable[str], groups: int) -> tuple[str, 
 
 
 def _ratio(groups: int) -> str:
-    return ratio_text(MONO_SHOTS_PER_GROUP * groups / BANDS)
+    return ratio_text(ratio_of(groups))
 
 
 def overall(rows: Sequence[Judged]) -> list[Overall]:

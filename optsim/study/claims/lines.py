@@ -16,10 +16,10 @@ from optsim.report.style import Drawn
 from optsim.study.claims.answer import Claims
 from optsim.study.claims.captures import FULL_WELL_E, Lit
 from optsim.study.claims.measures import Table, psnr
-from optsim.study.claims.readings import MATCHED, NOISY, Reading
+from optsim.study.claims.readings import MATCHED, NOISY, SENSOR_WORDS, Reading
 from optsim.study.claims.worlds import TARGET_1, TARGET_2
-from optsim.study.plan import BANDS, MONO_SHOTS_PER_GROUP
-from optsim.study.statistics import Estimate, paired_estimate
+from optsim.study.plan import ratio_of
+from optsim.study.statistics import Estimate, mean_of, paired_estimate
 
 Values = dict[tuple[str, int], float]
 """(scene, mask) -> value."""
@@ -29,7 +29,6 @@ PLACES: tuple[tuple[str, tuple[str, ...]], ...] = (("target 1", (TARGET_1,)), ("
 ELECTRONS = "electrons in the brightest pixel of one monochrome shot at full exposure"
 SWEPT = (0.7, 1.3)
 """Factors on assumed efficiencies."""
-SENSOR_WORDS = {"mono": "mono", "bayer": "Bayer", "foveon": "Foveon"}
 PAIRED_WORDS = (
     "On random scenes the bands are for comparing the sensors with each other: in every trial the mean of the four series is taken "
     "off first (Cousineau 2005, with Morey’s factor of 2008), for the scenes themselves differ far more (standard deviation {:.1f} dB)."
@@ -55,7 +54,7 @@ def against_ratio(found: Claims, folder: Path) -> Drawn | None:
     panels = []
     for words, scenes in PLACES:
         points = {g: series_points(tables, scenes, g, found.config.seed) for g in groups}
-        panels.append(CurvePanel(words, curves_of({MONO_SHOTS_PER_GROUP * g / BANDS: p for g, p in points.items()}), "PSNR, dB"))
+        panels.append(CurvePanel(words, curves_of({ratio_of(g): p for g, p in points.items()}), "PSNR, dB"))
     caption = (
         "Mean PSNR over bands of the matched base (basis pursuit) against R. Bands: 95 % over masks (targets). "
         f"{paired_words({0.0: tables}, 1)}"
@@ -144,11 +143,6 @@ def values_of(tables: Sequence[Table], series: Series, scenes: Sequence[str], gr
     return {}
 
 
-def mean_of_scenes(values: Values) -> float:
-    """Return the mean over scenes of the means over their masks."""
-    return float(np.mean([np.mean(of_scene) for of_scene in by_scene(values).values()]))
-
-
 def by_scene(values: Values) -> dict[str, list[float]]:
     """Sort values by scene, as the statistics want them."""
     found: dict[str, list[float]] = {}
@@ -174,7 +168,7 @@ def centred(values: Mapping[Series, Values]) -> dict[Series, Values]:
     """
     trials = set.intersection(*(set(v) for v in values.values()))
     middle = {t: float(np.mean([v[t] for v in values.values()])) for t in trials}
-    grand = mean_of_scenes(middle)
+    grand = mean_of(by_scene(middle))
     return {s: {t: v[t] - middle[t] + grand for t in trials} for s, v in values.items()}
 
 
@@ -207,7 +201,7 @@ def gap_curve(levels: Mapping[float, Sequence[Table]], above: Series, below: Ser
     points, around = [], []
     seen = {s: {x: v for x, tables in levels.items() if (v := values_of(tables, s, scenes, 1))} for s in (above, below)}
     shared = sorted(seen[above].keys() & seen[below].keys())
-    curves = {s: [mean_of_scenes(seen[s][x]) for x in shared] for s in seen}
+    curves = {s: [mean_of(by_scene(seen[s][x])) for x in shared] for s in seen}
     for i, x in enumerate(shared):
         a, b = seen[above][x], seen[below][x]
         e = paired_estimate(by_scene({t: a[t] - b[t] for t in a.keys() & b.keys()}), seed)

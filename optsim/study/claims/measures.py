@@ -16,6 +16,8 @@ from optsim.study.claims.worlds import BENCH, TARGET_1, TARGET_2
 
 Differences = dict[str, list[float]]
 """Scene -> one value a mask."""
+Look = Callable[[Mapping[str, Any]], float]
+"""What of a row is compared."""
 LEAST_BACKGROUND = 1e-3
 """Of the true mean: a background below counts as this, so that its size in dB stays finite."""
 
@@ -49,11 +51,11 @@ class Table:
         """Return the numbers of colour shots run on a scene."""
         return sorted({groups for name, groups, _ in self._rows if name == scene})
 
-    def values(self, scene: str, groups: int, sensor: str, look: Callable[[Mapping[str, Any]], float]) -> dict[int, float]:
+    def values(self, scene: str, groups: int, sensor: str, look: Look) -> dict[int, float]:
         """Return mask -> value of a sensor."""
         return {mask: look(row) for mask, row in self._rows.get((scene, groups, sensor), {}).items()}
 
-    def paired(self, scene: str, groups: int, a: str, b: str, look: Callable[[Mapping[str, Any]], float]) -> list[float]:
+    def paired(self, scene: str, groups: int, a: str, b: str, look: Look) -> list[float]:
         """Return value of a minus value of b, one a mask that both saw."""
         left, right = self.values(scene, groups, a, look), self.values(scene, groups, b, look)
         return [left[m] - right[m] for m in sorted(left.keys() & right.keys())]
@@ -84,11 +86,18 @@ def psnr(row: Mapping[str, Any]) -> float:
 
 @dataclass(frozen=True)
 class Gap:
-    """How far one sensor's PSNR lies above another's on some scenes; without scenes: on the random ones."""
+    """How far one sensor lies above another on some scenes, in dB; without scenes: on the random ones.
+
+    Args:
+        above, below: sensors.
+        scenes: where they are compared.
+        look: what of a row is compared, in dB.
+    """
 
     above: str
     below: str
     scenes: tuple[str, ...]
+    look: Look = psnr
     steady = True
 
     @property
@@ -98,7 +107,7 @@ class Gap:
 
     def parts(self, table: Table, groups: int) -> Iterator[Differences]:
         """Yield one part."""
-        found = {s: table.paired(s, groups, self.above, self.below, psnr) for s in self.scenes or table.random_scenes}
+        found = {s: table.paired(s, groups, self.above, self.below, self.look) for s in self.scenes or table.random_scenes}
         found = {scene: values for scene, values in found.items() if values}
         if found:
             yield found
@@ -157,23 +166,7 @@ class BandsBelow:
         """Yield a part for each target and band."""
         for scene in (TARGET_1, TARGET_2):
             for k in range(Bands.paper().count):
-                found = table.paired(scene, groups, self.sensor, "mono", _band(k))
-                if found:
-                    yield {scene: found}
-
-
-@dataclass(frozen=True)
-class FalseColor:
-    """How much weaker Foveon's false colour is than Bayer's on the finest bars of target 2, in dB."""
-
-    sensors = frozenset(("bayer", "foveon"))
-    steady = True
-
-    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
-        """Yield one part."""
-        found = table.paired(TARGET_2, groups, "bayer", "foveon", lambda row: 20 * math.log10(row["false_color"]))
-        if found:
-            yield {TARGET_2: found}
+                yield from Gap(self.sensor, "mono", (scene,), _band(k)).parts(table, groups)
 
 
 @dataclass(frozen=True)
@@ -194,44 +187,20 @@ class MoreShots:
                         yield {scene: gains}
 
 
-@dataclass(frozen=True)
-class LongWavelengths:
-    """How much more Foveon gains over mono from a wavelength on than below it, on the test bed."""
-
-    from_nm: float
-    sensors = frozenset(("foveon", "mono"))
-    steady = True
-
-    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
-        """Yield one part."""
-        long = Bands.paper().center >= self.from_nm
-
-        def tilt(row: Mapping[str, Any]) -> float:
-            bands = np.array(row["band_psnr_db"], np.float64)
-            return float(bands[long].mean() - bands[~long].mean())
-
-        found = table.paired(BENCH, groups, "foveon", "mono", tilt)
-        if found:
-            yield {BENCH: found}
+def false_color_db(row: Mapping[str, Any]) -> float:
+    """Return the false colour on the finest bars of target 2, in dB."""
+    return 20 * math.log10(row["false_color"])
 
 
-@dataclass(frozen=True)
-class Signature:
-    """How much smaller a sensor's error of the spectral signatures is than mono's, in dB, mean over the reference points."""
+def tilt_from(wavelength_nm: float) -> Look:
+    """Return a look at how far the bands from a wavelength on score above those below it, in dB."""
+    long = Bands.paper().center >= wavelength_nm
 
-    sensor: str
-    steady = True
+    def tilt(row: Mapping[str, Any]) -> float:
+        bands = np.array(row["band_psnr_db"], np.float64)
+        return float(bands[long].mean() - bands[~long].mean())
 
-    @property
-    def sensors(self) -> frozenset[str]:
-        """Return the sensor and mono."""
-        return frozenset((self.sensor, "mono"))
-
-    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
-        """Yield one part."""
-        found = table.paired(BENCH, groups, self.sensor, "mono", signature_db)
-        if found:
-            yield {BENCH: found}
+    return tilt
 
 
 def signature_db(row: Mapping[str, Any]) -> float:
@@ -239,29 +208,10 @@ def signature_db(row: Mapping[str, Any]) -> float:
     return float(np.mean([-20 * math.log10(at["error"]) for at in row["signatures"].values()]))
 
 
-@dataclass(frozen=True)
-class Background:
-    """How much smaller the background under a sensor's signatures is than under mono's, in dB, mean over the reference points."""
-
-    sensor: str
-    steady = True
-
-    @property
-    def sensors(self) -> frozenset[str]:
-        """Return the sensor and mono."""
-        return frozenset((self.sensor, "mono"))
-
-    def parts(self, table: Table, groups: int) -> Iterator[Differences]:
-        """Yield one part."""
-        found = table.paired(BENCH, groups, "mono", self.sensor, background_db)
-        if found:
-            yield {BENCH: found}
-
-
 def background_db(row: Mapping[str, Any]) -> float:
     """Return the size of the constant part of the signatures over the true mean, in dB, mean over the points; at least -60 dB."""
     return float(np.mean([20 * math.log10(max(abs(at["background"]), LEAST_BACKGROUND)) for at in row["signatures"].values()]))
 
 
-def _band(k: int) -> Callable[[Mapping[str, Any]], float]:
+def _band(k: int) -> Look:
     return lambda row: float(row["band_psnr_db"][k])

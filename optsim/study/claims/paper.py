@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from optsim.study.claims.measures import (
-    Background,
     BandsBelow,
     Drop,
-    FalseColor,
     Gap,
     LargestGap,
-    LongWavelengths,
     Measure,
     MoreShots,
-    Signature,
+    background_db,
+    false_color_db,
+    signature_db,
+    tilt_from,
 )
 from optsim.study.claims.worlds import BENCH, TARGET_1, TARGET_2
 
@@ -94,7 +94,7 @@ CLAIMS: tuple[PaperClaim, ...] = (
         "target2-aliasing",
         "Target 2: Bayer shows colour aliasing, Foveon does not (at most half of Bayer's false colour)",
         Size(6.0),
-        FalseColor(),
+        Gap("bayer", "foveon", (TARGET_2,), false_color_db),
     ),
     PaperClaim("more-shots", "Every sensor improves with the number of shots (both targets)", ANY, MoreShots()),
     PaperClaim("scenes-bayer-mono", "Random scenes: Bayer above mono", ANY, Gap("bayer", "mono", ()), ours=True),
@@ -102,8 +102,23 @@ CLAIMS: tuple[PaperClaim, ...] = (
     PaperClaim("scenes-foveon-bayer", "Random scenes: Foveon above Bayer", ANY, Gap("foveon", "bayer", ()), ours=True),
     PaperClaim("bench-bayer-mono", "Test bed: Bayer 2 to 4 dB above mono", Size(1.5, 4.5), Gap("bayer", "mono", (BENCH,))),
     PaperClaim("bench-foveon-mono", "Test bed: Foveon 2 to 4 dB above mono", Size(1.5, 4.5), Gap("foveon", "mono", (BENCH,))),
-    PaperClaim("bench-long-waves", "Test bed: Foveon gains more over mono from 600 nm on than below", ANY, LongWavelengths(600.0)),
-    PaperClaim("bench-signatures", "Test bed: Foveon's spectral signatures lie closer to the truth than mono's", ANY, Signature("foveon")),
-    PaperClaim("bench-background", "Test bed: mono's signatures ride on a background, Foveon's on less of it", ANY, Background("foveon")),
+    PaperClaim(
+        "bench-long-waves",
+        "Test bed: Foveon gains more over mono from 600 nm on than below",
+        ANY,
+        Gap("foveon", "mono", (BENCH,), tilt_from(600.0)),
+    ),
+    PaperClaim(
+        "bench-signatures",
+        "Test bed: Foveon's spectral signatures lie closer to the truth than mono's",
+        ANY,
+        Gap("foveon", "mono", (BENCH,), signature_db),
+    ),
+    PaperClaim(
+        "bench-background",
+        "Test bed: mono's signatures ride on a background, Foveon's on less of it",
+        ANY,
+        Gap("mono", "foveon", (BENCH,), background_db),
+    ),
 )
 """In the paper's order. Its remark that the Foveon "shows artefacts" has no number, and none is given here."""

@@ -23,7 +23,9 @@ from optsim.study.claims.methods import (
     Pursuit,
 )
 
-SENSORS = ("mono", "bayer", "foveon")
+SENSOR_WORDS = {"mono": "mono", "bayer": "Bayer", "foveon": "Foveon"}
+"""Sensors as sentences name them."""
+SENSORS = tuple(SENSOR_WORDS)
 
 
 @dataclass(frozen=True)
